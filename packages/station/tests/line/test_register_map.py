@@ -47,7 +47,8 @@ def test_packhouse_page_lists_every_register_once_with_its_address() -> None:
         (modbus.TARGET, modbus.TARGET),
         (modbus.KNOWN_STOPS, modbus.KNOWN_STOPS + 1),
         (modbus.NEW_ITEM, modbus.NEW_ITEM + text),
-        (modbus.INTERRUPTED_ITEM, modbus.REGISTER_COUNT - 1),
+        (modbus.INTERRUPTED_ITEM, modbus.INTERRUPTED_ITEM + text),
+        (modbus.NEW_BATCH, modbus.REGISTER_COUNT - 1),
     ]
     for at, name in zip([*measured, *held], 2 * MEASUREMENTS, strict=True):
         assert f"`{name}`" in meanings[at]

@@ -203,6 +203,7 @@ def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station:
             await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
             await client.write_register(modbus.TARGET, 200)
             await client.write_registers(modbus.NEW_ITEM, modbus.encode_text("tray-4"))
+            await client.write_registers(modbus.NEW_BATCH, modbus.encode_text("Monday"))
             for _ in range(2):
                 await reach(client, LineState.IDLE)
                 before = await read_registers(client, modbus.RESULTS, 2)
@@ -227,7 +228,8 @@ def test_modbus_result_equals_the_http_result_and_its_item_is_used_once(station:
     document = machine.ask("GET", "/result")[1]
     size = struct.unpack(">3f", struct.pack(">6H", *values))
     assert size == pytest.approx([document["size_mm"][part] for part in ("value", "low", "high")])
-    assert len(machine.ask("GET", "/items/tray-4")[1]["grasps"]) == 1
+    item = machine.ask("GET", "/items/tray-4")[1]
+    assert (len(item["grasps"]), item["item"]["batch"]) == (1, "Monday")
 
 
 def test_numbers_of_the_held_object_are_the_same_over_every_protocol_before_its_release(

@@ -29,12 +29,14 @@ _CLIENT = ContextVar("_CLIENT", default="Modbus")
 STATE, FLAGS, STOPS, RESULTS, OUTCOME, STORAGE, VALUES = 0, 1, 2, 4, 6, 7, 8
 AGAIN, HELD_AGAIN, HELD_VALUES, REFERENCE, HELD_REFERENCE = 38, 39, 40, 70, 76
 ITEM, BIN, REFUSAL, HELD_BIN, DRIVER = 100, 140, 180, 220, 260
-COMMAND, TARGET, KNOWN_STOPS, NEW_ITEM, INTERRUPTED_ITEM = 300, 301, 302, 310, 350
+COMMAND, TARGET, KNOWN_STOPS, NEW_ITEM, INTERRUPTED_ITEM, NEW_BATCH = 300, 301, 302, 310, 350, 390
 #: Number of registers of a text (two bytes of UTF-8 each, zero-padded) and of the whole map.
-TEXT_REGISTERS, REGISTER_COUNT = 40, 390
+TEXT_REGISTERS, REGISTER_COUNT = 40, 430
+#: Texts of an order.
+_ORDER = (NEW_ITEM, NEW_BATCH)
 #: Registers that a client may write; the others read 0 there.
-_WRITABLE = frozenset(
-    (COMMAND, TARGET, KNOWN_STOPS, KNOWN_STOPS + 1, *range(NEW_ITEM, NEW_ITEM + TEXT_REGISTERS))
+_WRITABLE = frozenset((COMMAND, TARGET, KNOWN_STOPS, KNOWN_STOPS + 1)).union(
+    *(range(text, text + TEXT_REGISTERS) for text in _ORDER)
 )
 #: Values for the register `COMMAND`.
 GRASP, RELEASE, STOP, TAKE_OVER, LEAVE = 1, 2, 3, 4, 5
@@ -68,8 +70,9 @@ class ModbusStation:
     def __init__(self, machine: Machine) -> None:
         self._machine, self._refusal = machine, ""
         self._server: ModbusTcpServer | None = None
-        self._written = [0] * (INTERRUPTED_ITEM - COMMAND)
-        self._written[KNOWN_STOPS - COMMAND : KNOWN_STOPS - COMMAND + 2] = [0xFFFF, 0xFFFF]
+        #: Written values, by address.
+        self._written = dict.fromkeys(sorted(_WRITABLE), 0)
+        self._written[KNOWN_STOPS] = self._written[KNOWN_STOPS + 1] = 0xFFFF
 
     async def start(self, host: str, port: int) -> int:
         """Start listening and return the port; port 0 selects a free port."""
@@ -103,20 +106,20 @@ class ModbusStation:
             registers[:] = self.registers()[start_address : start_address + len(registers)]
             return None
         written = range(address, address + count)
+        values = dict(zip(written, set_values, strict=True))
         # A block of all parameters contains the registers without a meaning, as zeros.
-        stray = (v for at, v in zip(written, set_values, strict=True) if at not in _WRITABLE)
-        is_outside = address < COMMAND or written.stop > INTERRUPTED_ITEM
-        if is_outside or _WRITABLE.isdisjoint(written) or any(stray):
+        stray = (value for at, value in values.items() if at not in _WRITABLE)
+        if address < COMMAND or _WRITABLE.isdisjoint(written) or any(stray):
             return ExcCodes.ILLEGAL_ADDRESS
-        self._written[address - COMMAND : written.stop - COMMAND] = list(set_values)
-        if NEW_ITEM in written:
-            # The rest of a longer text would become part of the new one.
-            end = written.stop - COMMAND
-            self._written[end:] = [0] * (len(self._written) - end)
+        self._written |= {at: value for at, value in values.items() if at in _WRITABLE}
+        for text in _ORDER:
+            if text in written:
+                # The rest of a longer text would become part of the new one.
+                self._clear(range(written.stop, text + TEXT_REGISTERS))
         if address > COMMAND:
             return None
         try:
-            await self._run_command(self._written[0])
+            await self._run_command(self._written[COMMAND])
         except CommandRefusedError as error:
             self._refusal = str(error)
             return ExcCodes.DEVICE_BUSY
@@ -129,19 +132,24 @@ class ModbusStation:
     async def _run_command(self, command: int) -> None:
         machine, client = self._machine, _CLIENT.get()
         if command == GRASP:
-            stops = _join_uint32(self._written, KNOWN_STOPS - COMMAND)
-            item = self._written[NEW_ITEM - COMMAND : NEW_ITEM - COMMAND + TEXT_REGISTERS]
-            target = self._written[TARGET - COMMAND]
+            stops = self._written[KNOWN_STOPS] << 16 | self._written[KNOWN_STOPS + 1]
+            target = self._written[TARGET]
+            item, batch = (
+                decode_text([self._written[text + at] for at in range(TEXT_REGISTERS)], what=what)
+                for text, what in zip(_ORDER, ("item", "batch"), strict=True)
+            )
             await machine.grasp(
                 client,
                 target_force_n=target / 100.0 if target else None,
-                item_id=decode_text(item),
+                item_id=item,
                 kind="",
                 stops=None if stops == ANY_STOPS else stops,
+                batch=batch,
             )
             # Each item is grasped once per write, so that a controller that repeats the command
             # never stores the next object under the name of the previous one.
-            self._written[NEW_ITEM - COMMAND :] = [0] * TEXT_REGISTERS
+            for text in _ORDER:
+                self._clear(range(text, text + TEXT_REGISTERS))
         elif command == RELEASE:
             await machine.release(client)
         elif command == STOP:
@@ -155,6 +163,9 @@ class ModbusStation:
             await machine.leave(client)
         else:
             raise InputError(f"command {command}: use a number from 1 to 5")
+
+    def _clear(self, places: range) -> None:
+        self._written |= dict.fromkeys(places, 0)
 
     def registers(self) -> list[int]:
         """Return the current values of all registers."""
@@ -189,7 +200,8 @@ class ModbusStation:
             texts |= {ITEM: result.item_id, BIN: result.bin_name}
         for place, text in texts.items():
             found[place : place + TEXT_REGISTERS] = encode_text(text)
-        found[COMMAND:INTERRUPTED_ITEM] = self._written
+        for at, value in self._written.items():
+            found[at] = value
         return found
 
 
@@ -204,9 +216,10 @@ def encode_text(text: str) -> list[int]:
     return list(struct.unpack(f">{TEXT_REGISTERS}H", raw))
 
 
-def decode_text(registers: Sequence[int]) -> str:
+def decode_text(registers: Sequence[int], *, what: str = "item") -> str:
     """Decode the text in registers, without the zero bytes after it.
 
+    `what`: named in errors.
     Raises `InputError` if the text is not UTF-8, or a zero byte is within it.
 
     >>> decode_text(encode_text("Früchte-1"))
@@ -215,14 +228,14 @@ def decode_text(registers: Sequence[int]) -> str:
     raw = struct.pack(f">{len(registers)}H", *registers).rstrip(b"\0")
     if b"\0" in raw:
         raise InputError(
-            f"item {raw.split(bytes(1), 1)[0].decode(errors='replace')!r}: a zero byte is followed "
-            "by more text; write the first character into the high byte of a register, and pad "
-            "with zeros"
+            f"{what} {raw.split(bytes(1), 1)[0].decode(errors='replace')!r}: a zero byte is "
+            "followed by more text; write the first character into the high byte of a register, "
+            "and pad with zeros"
         )
     try:
         return raw.decode()
     except UnicodeDecodeError as error:
-        raise InputError(f"item: the bytes are not UTF-8 ({error})") from error
+        raise InputError(f"{what}: the bytes are not UTF-8 ({error})") from error
 
 
 def _storage(not_stored: str) -> int:
@@ -238,7 +251,3 @@ def _flags(state: Mapping[str, Any]) -> int:
 
 def _split_uint32(number: int) -> list[int]:
     return [number >> 16 & 0xFFFF, number & 0xFFFF]
-
-
-def _join_uint32(registers: Sequence[int], at: int) -> int:
-    return registers[at] << 16 | registers[at + 1]
