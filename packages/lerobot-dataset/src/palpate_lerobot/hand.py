@@ -197,7 +197,6 @@ class PolicyHand:
         furthest = self._known_closure + largest_step(
             force_high_n=self._known_n,
             steepest_n=plan.steepest_n,
-            rate=0.0,
             damage_low_n=self._limit_n,
             limits=plan.safety,
         )
