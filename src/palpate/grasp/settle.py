@@ -29,7 +29,7 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
     estimate, correction = state.estimate, state.correction
     if estimate.still_s >= plan.dwell_s and correction.count:
         record_step(estimate, plan)
-    if estimate.still_s < plan.decide_after_s:
+    if estimate.still_s < SETTLE.decide_after_s:
         return None
     force = state.set_settled_force(forecast(estimate, plan=plan), plan=plan)
     _record_on_target(state, force, plan)
@@ -47,7 +47,7 @@ def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
     assert present is not None
     limited = _is_limited(state.estimate, force, plan)
     below = is_below_target(force, plan)
-    if correction.count < plan.most_adjustments:
+    if correction.count < SETTLE.most_adjustments:
         # At a damage limit, one correction uses all of the allowed force.
         if below and not (limited and correction.count):
             command = increase_force(
@@ -111,11 +111,11 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
     stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return goal, "force_reached"
-    widest = (1.0 + plan.stiffness_tolerance) / (1.0 - plan.stiffness_tolerance)
+    widest = (1.0 + SQUEEZE.stiffness_tolerance) / (1.0 - SQUEEZE.stiffness_tolerance)
     # A stiffness above the range that needs a firmer squeeze counts as known.
     if stiffness.high / stiffness.low <= widest or stiffness.low > SQUEEZE.firm_n_per_mm:
         return goal, "stiffness_known"
-    return max(goal, min(plan.firm_force_n, plan.firm_mm * stiffness.low)), "firm_enough"
+    return max(goal, min(plan.firm_force_n, SQUEEZE.firm_mm * stiffness.low)), "firm_enough"
 
 
 def force_deficit_n(force: Measurement, plan: Plan) -> float:
@@ -127,7 +127,7 @@ def force_deficit_n(force: Measurement, plan: Plan) -> float:
 
 
 def _has_force_deficit(force: Measurement, plan: Plan) -> bool:
-    return force_deficit_n(force, plan) > plan.target_tolerance * goal_n(plan)
+    return force_deficit_n(force, plan) > SETTLE.target_tolerance * goal_n(plan)
 
 
 def is_below_target(force: Measurement, plan: Plan) -> bool:
@@ -142,7 +142,7 @@ def is_above_target(force: Measurement, plan: Plan) -> bool:
     wanted_n = goal_n(plan)
     low_n = force.low * wanted_n / max(force.middle, wanted_n)
     can_lift = plan.lift_force_n is None or low_n >= plan.lift_force_n
-    return can_lift and force.middle > (1.0 + plan.target_tolerance) * wanted_n
+    return can_lift and force.middle > (1.0 + SETTLE.target_tolerance) * wanted_n
 
 
 def is_lift_certain(force: Measurement, plan: Plan) -> bool:
@@ -210,7 +210,7 @@ def reduce_force(
     estimate.set_force(force.middle, force.high)
     slope, excess_n = slope_n(estimate, plan), estimate.force_n - goal_n
     closure = estimate.closure - max(excess_n / slope, plan.smallest_step)
-    opened = max(closure - SETTLE.easing_fraction * goal_n / slope - plan.backlash, 0.0)
+    opened = max(closure - SETTLE.easing_fraction * goal_n / slope - SETTLE.backlash, 0.0)
     fraction = (1.0 - SETTLE.easing_fraction) * goal_n / estimate.force_n
     estimate.set_force(fraction * estimate.force_n, fraction * estimate.force_high_n)
     correction.return_closure = closure

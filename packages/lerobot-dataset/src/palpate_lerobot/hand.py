@@ -16,6 +16,7 @@ import numpy as np
 from palpate.calibration import Calibration
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.force.of_calibration import force_now
+from palpate.grasp.config import READING
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.safety import FORCE_CEILING_N, largest_step
@@ -220,7 +221,9 @@ class PolicyHand:
     def _measure_rest(self) -> np.ndarray:
         """Measure the rest of the open hand, like a grasp."""
         plan, frames = self._plan, [self._array.read(timeout_s=_FRAME_S)]
-        while len(frames) < plan.rest_frames or frames[-1].time_s - frames[0].time_s < plan.rest_s:
+        while (
+            len(frames) < READING.rest_frames or frames[-1].time_s - frames[0].time_s < plan.rest_s
+        ):
             frames.append(self._array.read(timeout_s=_FRAME_S))
         reader = SampleReader(self._array.layout)
         ohm = np.array([reader.read(frame).resistance_ohm for frame in frames])
