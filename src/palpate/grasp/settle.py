@@ -50,15 +50,13 @@ def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
     if correction.count < SETTLE.most_adjustments:
         # At a damage limit, one correction uses all of the allowed force.
         if below and not (limited and correction.count):
-            command = increase_force(
-                state, present, plan, force_deficit_n=force_deficit_n(force, plan)
-            )
+            command = increase_force(state, present, plan, by_n=force_deficit_n(force, plan))
             if command is not None:
                 state.enter(Activity.FORECAST, event="adjusted")
                 return command
         elif is_above_target(force, plan):
             goal_now_n = goal_n(plan) * present.middle / force.middle
-            command = reduce_force(state, present, plan, goal_n=goal_now_n)
+            command = reduce_force(state, present, plan, to_n=goal_now_n)
             state.enter(Activity.EASE, event="eased")
             return command
     if limited and below:
@@ -174,7 +172,7 @@ def _record_on_target(state: GraspState, force: Measurement, plan: Plan) -> None
 
 
 def increase_force(
-    state: GraspState, force: Measurement, plan: Plan, *, force_deficit_n: float
+    state: GraspState, force: Measurement, plan: Plan, *, by_n: float
 ) -> GripperCommand | None:
     """Return the closing command for a force increase; None if no step is safe."""
     correction, trial = state.correction, copy(state.estimate)
@@ -190,7 +188,7 @@ def increase_force(
             measured = max((force.middle - force_n) / travel, slope / SETTLE.max_slope_drop)
             slope = min(slope, measured)
             longest = math.inf if force.middle > force_n else travel
-    step = max(min(force_deficit_n / slope, longest), plan.smallest_step)
+    step = max(min(by_n / slope, longest), plan.smallest_step)
     command = close_by(trial, step, plan, min_duration_s=SETTLE.correction_s)
     if command is not None:
         state.estimate = trial
@@ -200,7 +198,7 @@ def increase_force(
 
 
 def reduce_force(
-    state: GraspState, force: Measurement, plan: Plan, *, goal_n: float
+    state: GraspState, force: Measurement, plan: Plan, *, to_n: float
 ) -> GripperCommand:
     """Return the command that opens to well below the target force, before closing again.
 
@@ -208,10 +206,10 @@ def reduce_force(
     """
     estimate, correction = state.estimate, state.correction
     estimate.set_force(force.middle, force.high)
-    slope, excess_n = slope_n(estimate, plan), estimate.force_n - goal_n
+    slope, excess_n = slope_n(estimate, plan), estimate.force_n - to_n
     closure = estimate.closure - max(excess_n / slope, plan.smallest_step)
-    opened = max(closure - SETTLE.easing_fraction * goal_n / slope - SETTLE.backlash, 0.0)
-    fraction = (1.0 - SETTLE.easing_fraction) * goal_n / estimate.force_n
+    opened = max(closure - SETTLE.easing_fraction * to_n / slope - SETTLE.backlash, 0.0)
+    fraction = (1.0 - SETTLE.easing_fraction) * to_n / estimate.force_n
     estimate.set_force(fraction * estimate.force_n, fraction * estimate.force_high_n)
     correction.return_closure = closure
     correction.count += 1
