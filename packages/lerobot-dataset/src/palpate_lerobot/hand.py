@@ -55,7 +55,8 @@ class PolicyHand:
     """A hand with its sensor: observations in newtons, and closing below a force limit.
 
     A policy's action is limited so that upper force + upper stiffness x travel stays below the
-    limit for any object (`palpate.grasp.safety.largest_step`). The sheet lags during pressing, so
+    limit for any object (`palpate.grasp.safety.largest_step`). Unlike in a grasp, the travel of a
+    hand that stops late at its target is not subtracted. The sheet lags during pressing, so
     after contact the force is the last reading at standstill; to press further, a policy must wait
     for the next reading. If the force exceeds the limit, the hand opens. Opening is never limited.
 
