@@ -189,15 +189,14 @@ def test_adversary_reaches_every_activity() -> None:
     stiffness=st.floats(0.01, 100),
     ceiling=st.floats(0.1, FORCE_CEILING_N),
     damage=st.floats(0.1, 100) | st.just(float("inf")),
-    rate=st.floats(0.1, 60),
 )
 def test_largest_step_satisfies_invariant(
-    force: float, stiffness: float, ceiling: float, damage: float, rate: float
+    force: float, stiffness: float, ceiling: float, damage: float
 ) -> None:
     limits = SafetyLimits(force_ceiling_n=ceiling)
     found = largest_step(
-        force_high_n=force, steepest_n=stiffness, rate=rate, damage_low_n=damage, limits=limits
+        force_high_n=force, steepest_n=stiffness, damage_low_n=damage, limits=limits
     )
     assert found >= 0
-    reached_n = force + stiffness * (found + rate * limits.latency_s)
+    reached_n = force + stiffness * found
     assert found == 0 or reached_n <= min(ceiling, damage) * (1 + 1e-9)

@@ -26,7 +26,8 @@ from palpate.errors import InputError
 from palpate.grasp.safety import MOST_TIGHTENINGS
 from palpate.stop_signals import handle_always, handle_stop_signals
 
-#: Exit statuses: 0 held, 1 negative answer, 3 equipment failure, 130 stopped by the user.
+#: Exit statuses: 0 held, 1 negative answer, 3 equipment failure, 130 stopped by the user. Names,
+#: because `Outcome` would load NumPy and SciPy before the options are read.
 EXIT_STATUS = {
     "held": 0,
     "nothing_there": 1,

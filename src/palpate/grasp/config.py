@@ -25,6 +25,7 @@ class ReadingNumbers:
         takes 0.3 s, so a mean over more of it reads too little.
     now_s : 0.05 to 0.3 s, guess.
         Span of the present readings of a moving hand, and shortest step with a measured current.
+    rest_frames : 5 to 15 frames, guess. Fewest frames at rest for the rest values.
     fewest_frames : 2 to 6 frames, guess. Fewest frames or reports in a mean or comparison.
     quiet_s : 0.2 to 0.5 s, twin.
         Time after a movement or a stop until its disturbance and the sheet's response are over.
@@ -36,6 +37,7 @@ class ReadingNumbers:
 
     mean_s: float = 0.05
     now_s: float = 0.14
+    rest_frames: int = 8
     fewest_frames: int = 3
     quiet_s: float = 0.3
     lag_s: float = 0.06
@@ -99,6 +101,10 @@ class Squeeze:
     near_fraction : 0.85 to 1 1, twin. Fraction of the target at which the squeeze ends.
     min_rise_n : 0.1 to 0.3 N, twin. Smallest rise of force that exceeds noise.
     firm_n_per_mm : 4 to 10 N/mm, twin. Objects above this stiffness need no firmer squeeze.
+    firm_mm : 0.5 to 2 mm, guess.
+        Deformation that ends a firmer squeeze, because it certainly damages the object.
+    stiffness_tolerance : 0.15 to 0.4 1, guess.
+        Relative uncertainty, to either side, of a stiffness that counts as known.
     soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture. Stiffness of the softest fruit that is gripped.
     """
 
@@ -109,6 +115,8 @@ class Squeeze:
     near_fraction: float = 0.93
     min_rise_n: float = 0.15
     firm_n_per_mm: float = 6.0
+    firm_mm: float = 1.0
+    stiffness_tolerance: float = 0.25
     soft_n_per_mm: float = 0.7
 
 
@@ -117,18 +125,30 @@ class Settle:
     """The settled force, and its corrections.
 
     drift_sd : 0.03 to 0.1 ln, paper. Change of the gain since calibration.
+    decide_after_s : 0.3 to 1 s, guess.
+        Time of the decision, from the end of the last movement. Not a multiple of the frame
+        interval at 15 Hz, as `Plan.confirm_s`.
+    target_tolerance : 0.03 to 0.1 1, requirement.
+        Largest error of the settled force, relative to the target, without a correction.
+    most_adjustments : 3 to 10 corrections, guess. Largest number towards the target.
     correction_s : 0.3 to 1 s, guess. Duration of a correction.
     hysteresis_sd : 0.1 to 0.3 ln, guess. Hysteresis of soft fingers.
     max_slope_drop : 2 to 8 1, guess. Largest factor by which a correction may lower the slope.
     easing_fraction : 0.2 to 0.5 1, guess.
         Fraction of the target force by which the hand opens below it.
+    backlash : 0.2 to 1 mm or kPa, guess.
+        Travel of the drive on reversal before the fingers follow, with a margin.
     """
 
     drift_sd: float = 0.05
+    decide_after_s: float = 0.37
+    target_tolerance: float = 0.05
+    most_adjustments: int = 6
     correction_s: float = 0.5
     hysteresis_sd: float = 0.15
     max_slope_drop: float = 4.0
     easing_fraction: float = 0.3
+    backlash: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)

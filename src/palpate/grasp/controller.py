@@ -42,7 +42,7 @@ class GraspController:
     def step(self, observation: Observation) -> GripperCommand | None:
         """Process one observation; return the command to send, if any.
 
-        `filter_command` limits every closing command to `safety.largest_step`.
+        `filter_command` limits every closing command.
         """
         self.state.estimate.update(observation, plan=self.plan)
         self.state.record_finger_events()

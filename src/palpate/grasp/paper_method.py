@@ -110,9 +110,7 @@ def predict_exponentially(state: GraspState, plan: Plan) -> GripperCommand | Non
     time_s = np.array([touch.time_s for touch in estimate.touches]) - estimate.moved_s
     percent = np.array([touch.relative_percent for touch in estimate.touches])
     found = (
-        Exponential()
-        .predict(time_s, percent[None], horizon_s=plan.horizon_s, level=plan.level)
-        .hold(0)
+        Exponential().predict(time_s, percent[None], horizon_s=HORIZON_S, level=plan.level).hold(0)
     )
     value = float(found.value)
     # The method has no interval: use the predicted change from the present reading.

@@ -129,7 +129,7 @@ class PixelMonitor:
         if self._counts is None:
             jumped = ended
         unloaded_jump = jumped & (~_has_others(jumped) | standing)
-        self._loaded = self._under_load(counts)
+        self._loaded = self._ratios(counts) < (1.0 - PIXELS.loaded_fraction) * self._rest
         short = ~_has_others(self._loaded) | unloaded_jump
         begins = self._ended == 1
         self._shorted = ended & (self._shorted | (begins & short))
@@ -139,8 +139,7 @@ class PixelMonitor:
         """Count each pixel's unchanged frames, and follow all since the quietest one's change."""
         if not counts.size:
             return
-        full = self._layout.divider.full_scale
-        log_ohm = np.log(full / np.clip(counts, 1.0, full - 1.0) - 1.0)
+        log_ohm = np.log(self._ratios(counts))
         is_first = self._frames == 1
         if is_first or changed[int(np.argmax(self._unchanged))]:
             self._lowest = self._highest = log_ohm
@@ -208,12 +207,11 @@ class PixelMonitor:
         stuck[quietest] = long and expected >= PIXELS.stuck_counts
         return stuck
 
-    def _under_load(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return the pixels under load."""
+    def _ratios(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the resistances relative to the reference resistor, at most those of the ends."""
         full = self._layout.divider.full_scale
         upper = self._layout.divider.taxel_leg == "upper"
-        seen = np.clip(counts if upper else full - counts, 1.0, full - 1.0)
-        return np.asarray(full / seen - 1.0 < (1.0 - PIXELS.loaded_fraction) * self._rest)
+        return full / np.clip(counts if upper else full - counts, 1.0, full - 1.0) - 1.0
 
 
 def _has_others(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

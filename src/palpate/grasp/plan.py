@@ -73,44 +73,31 @@ class Plan:
         Smallest step; smaller ones would disturb the reading for no gain.
     resolution : float
         Commands are rounded to multiples of this: about the encoder's or regulator's resolution.
-    backlash : float
-        Travel of the drive on reversal before the fingers follow, with a margin.
     force_step_n : float
         Intended rise of force per squeeze step.
     gentle_force_n, gentle_mm : float
         End of a squeeze without target: this force (half of it for pressure-driven fingers), or
         this deformation of the object. Of 163 recorded fruit, none ruptured within 1.25 mm of its
         first touch, and 13 within 2 mm.
-    firm_force_n, firm_mm : float
-        Limits of a firmer squeeze with rigid fingers while the stiffness is still uncertain: the
-        force, and the deformation that certainly damages the object.
+    firm_force_n : float
+        Force limit of a firmer squeeze with rigid fingers while the stiffness is still uncertain.
     firmness_force_n : float
         Force of the stiffness that firmness is made from, newtons.
-    stiffness_tolerance : float
-        Relative uncertainty, to either side, of a stiffness that counts as known.
     fewest_steps : int
         Fewest steps with contact for a measurement of size and stiffness.
-    rest_s, rest_frames : float and int
-        Shortest time and fewest frames at rest, before the first movement, for the rest values.
+    rest_s : float
+        Shortest time at rest, before the first movement, for the rest values.
     dwell_s, confirm_s : float
         Wait after each step before its reading, for the movement to fade; further wait to confirm a
-        contact. Neither this wait nor `decide_after_s` is a multiple of the frame interval at
-        15 Hz, so rounding does not decide which frame is the first after it.
+        contact, not a multiple of the frame interval at 15 Hz, so rounding does not decide which
+        frame is the first after it.
     rate, squeeze_rate : float
         Speed of steps and of retracting before contact, and of steps after contact. The sweep has
         its own speed (`approach.start_sweep`).
-    horizon_s : float
-        Time from the end of the last movement until the sheet counts as settled.
     tries : int
         Number of attempts: after one without contact the hand opens, waits, and closes again.
     wait_s : float
         Wait between attempts; a touch of the open fingers ends it.
-    decide_after_s : float
-        Time of the decision, from the end of the last movement.
-    target_tolerance : float
-        Largest error of the settled force, relative to the target, without a correction.
-    most_adjustments : int
-        Largest number of corrections towards the target.
     tighten : int
         Largest number of times that the hand tightens a grip that slips while it holds (0 to 10);
         afterwards it holds on. Never above the force ceiling or the damage limit.
@@ -143,27 +130,19 @@ class Plan:
     fine_step: float = 0.25
     smallest_step: float = 0.04
     resolution: float = 0.05
-    backlash: float = 0.3
     force_step_n: float = 0.7
     gentle_force_n: float = 2.0
     gentle_mm: float = 1.0
     firm_force_n: float = 6.0
-    firm_mm: float = 1.0
     firmness_force_n: float = 2.0
-    stiffness_tolerance: float = 0.25
     fewest_steps: int = 3
     rest_s: float = 0.3
-    rest_frames: int = 8
     dwell_s: float = 0.3
     confirm_s: float = 0.1
     rate: float = 20.0
     squeeze_rate: float = 5.0
-    horizon_s: float = 20.0
     tries: int = 1
     wait_s: float = 2.0
-    decide_after_s: float = 0.37
-    target_tolerance: float = 0.05
-    most_adjustments: int = 6
     tighten: int = 0
     hold_s: float = HOLD_S
     longest_s: float = LONGEST_S

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.calibration import BlockPairs, Calibration
 from palpate.errors import CalibrationError, InputError
-from palpate.force.of_calibration import HORIZON_S, sheet_law_of
+from palpate.force.of_calibration import sheet_law_of
 from palpate.force.servo_force import CurrentLaw
 from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
 from palpate.grasp.safety import FORCE_CEILING_N, MOST_TIGHTENINGS
@@ -105,7 +105,6 @@ def plan_grasp(
         law=sheet_law_of(calibration),
         gripper=gripper.limits,
         current=None if calibration.current is None else CurrentLaw.fit(calibration.current),
-        horizon_s=HORIZON_S,
         target_force_n=target_force_n,
         lift_force_n=lift_force_n,
         expect_size_mm=expect_size_mm,

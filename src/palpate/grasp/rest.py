@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.grasp.config import GUARDS
+from palpate.grasp.config import GUARDS, READING
 from palpate.grasp.plan import Plan
 from palpate.grasp.state import GraspState
 from palpate.sensor.rest_baseline import rest_baseline
@@ -26,7 +26,7 @@ def measure_rest(state: GraspState, *, plan: Plan) -> bool:
     and `verify_rest` checks during closing that the sheet was unloaded.
     """
     estimate, now = state.estimate, state.estimate.now_s
-    if estimate.still_s < plan.rest_s or len(estimate.rest_frames) < plan.rest_frames:
+    if estimate.still_s < plan.rest_s or len(estimate.rest_frames) < READING.rest_frames:
         return False
     frames = np.array(estimate.rest_frames)
     try:

@@ -37,8 +37,7 @@ class Outcome(StrEnum):
     #: No frame, an old frame, or an impossible frame (`runner`); implausible rest values, or a grip
     #: of one finger alone (`monitors`); a reading that falls or does not rise while the hand
     #: closes, or rises while it opens (`response_monitor`); open, short, stuck or equal pixels
-    #: (`pixel_monitor`); a sheet that does not follow the fingers (`approach`); a servo force above
-    #: that of the sheet (`current_monitor`).
+    #: (`pixel_monitor`); a servo force above that of the sheet (`current_monitor`).
     SENSOR_LOST = "sensor_lost"
     #: The gripper fails or does not answer, is off its target, closes too fast, or reports an
     #: impossible state (`tracking_monitor`, for `runner`); its current is stuck

@@ -240,6 +240,7 @@ class _Hand:
                 clock.sleep_s(0.02)
         except DeviceError as error:
             state.add_fault(str(error))
+        state.enter(Phase.DONE)
 
     def stop(self) -> Exception | None:
         """Stop the gripper; return the error if that failed."""
@@ -283,50 +284,52 @@ def run_grasp(
         if command is not None:
             state.estimate.sent = hand.send(command, now_s=now_s)
 
+    def advance() -> None:
+        """Process the next frame, an alarm while waiting for it, or its absence."""
+        try:
+            frame = reader.read(hand, state.estimate)
+        except DeviceError as error:
+            lost = Alarm(danger=Danger.SENSOR_LOST, message=str(error))
+            send(controller.stop(lost), clock.now_s())
+            if state.phase is Phase.RELEASE:
+                hand.finish_opening(state, clock=clock)
+        else:
+            if isinstance(frame, Alarm):
+                send(_apply_alarm(frame, controller, None), clock.now_s())
+            else:
+                send(process(frame), frame.time_s)
+                if watching:
+                    _notify(watching, state.snapshot(), state)
+
+    def process(frame: Frame) -> GripperCommand | None:
+        """Return the controller's command after a frame, or the reaction to an alarm."""
+        seen = Observation(frame=frame, gripper=hand.state())
+        failed = pixels.check(seen)
+        command = None
+        # Uncertain frames are skipped, except during an opening, which needs no pixels.
+        if pixels.is_frame_uncertain and state.phase is not Phase.RELEASE:
+            state.estimate.count_frame(frame)
+        else:
+            command = controller.step(seen)
+        _notify(views, seen, state)
+        warning = pixels.saturation_warning
+        if warning is not None and warning not in state.result.faults:
+            state.add_fault(warning)
+        alarm = board.check(seen, state) or failed or rest.check(seen, state)
+        alarm = alarm or hand.check(seen.gripper, state.estimate, now_s=frame.time_s)
+        return command if alarm is None else _apply_alarm(alarm, controller, command)
+
     try:
         with _set_flag_on_signal(requests.stop):
             while not state.has_ended:
                 # Requests do not interrupt an opening.
-                if state.phase is not Phase.RELEASE:
-                    if requests.stop.is_set():
-                        send(controller.stop(Alarm(danger=Danger.STOPPED)), clock.now_s())
-                        continue
-                    if requests.release.is_set():
-                        send(controller.release(), clock.now_s())
-                        continue
-                try:
-                    frame = reader.read(hand, state.estimate)
-                except DeviceError as error:
-                    lost = Alarm(danger=Danger.SENSOR_LOST, message=str(error))
-                    send(controller.stop(lost), clock.now_s())
-                    if state.phase is Phase.RELEASE:
-                        hand.finish_opening(state, clock=clock)
-                        break
-                    continue
-                if isinstance(frame, Alarm):
-                    send(_apply_alarm(frame, controller, None), clock.now_s())
-                    continue
-                seen = Observation(frame=frame, gripper=hand.state())
-                failed = pixels.check(seen)
-                command = None
-                # Uncertain frames are skipped, except during an opening, which needs no pixels.
-                if pixels.is_frame_uncertain and state.phase is not Phase.RELEASE:
-                    state.estimate.count_frame(frame)
+                is_opening = state.phase is Phase.RELEASE
+                if requests.stop.is_set() and not is_opening:
+                    send(controller.stop(Alarm(danger=Danger.STOPPED)), clock.now_s())
+                elif requests.release.is_set() and not is_opening:
+                    send(controller.release(), clock.now_s())
                 else:
-                    command = controller.step(seen)
-                _notify(views, seen, state)
-                if (
-                    pixels.saturation_warning is not None
-                    and pixels.saturation_warning not in state.result.faults
-                ):
-                    state.add_fault(pixels.saturation_warning)
-                alarm = board.check(seen, state) or failed or rest.check(seen, state)
-                alarm = alarm or hand.check(seen.gripper, state.estimate, now_s=frame.time_s)
-                if alarm is not None:
-                    command = _apply_alarm(alarm, controller, command)
-                send(command, frame.time_s)
-                if watching:
-                    _notify(watching, state.snapshot(), state)
+                    advance()
     except DeviceError as error:
         controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, message=str(error)))
     except KeyboardInterrupt:
@@ -340,15 +343,18 @@ def run_grasp(
         message = f"the stop command failed: {unstopped}"
         controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, message=message))
     if reader.skipped > state.estimate.frames:
-        frames = reader.skipped + state.estimate.frames
-        why = "this computer was busy with other work"
-        if hand.mean_reply_s > state.estimate.duration_s / frames:
-            why = (
-                f"each report of the gripper took {hand.mean_reply_s:.3f} s; a shorter latency of "
-                "its adapter or a lower frame rate avoids this"
-            )
-        state.add_fault(f"{reader.skipped} of {frames} frames were skipped: {why}")
+        state.add_fault(_explain_skipped_frames(reader, hand, state.estimate))
     return replace(state.final_result, largest_frame_age_s=reader.largest_age_s)
+
+
+def _explain_skipped_frames(reader: _FrameReader, hand: _Hand, estimate: ContactEstimate) -> str:
+    frames, why = reader.skipped + estimate.frames, "this computer was busy with other work"
+    if hand.mean_reply_s > estimate.duration_s / frames:
+        why = (
+            f"each report of the gripper took {hand.mean_reply_s:.3f} s; a shorter latency of "
+            "its adapter or a lower frame rate avoids this"
+        )
+    return f"{reader.skipped} of {frames} frames were skipped: {why}"
 
 
 def _apply_alarm(

@@ -114,14 +114,14 @@ def largest_step(
     *,
     force_high_n: float,
     steepest_n: float,
-    rate: float,
     damage_low_n: float,
     limits: SafetyLimits,
 ) -> float:
     """Return the largest closing step within the force ceiling and the damage limit.
 
-    Invariant of every command: present upper force + upper stiffness x (step + speed x latency)
-    stays below the smaller of the ceiling and the lower bound of the object's damage limit.
+    Present upper force + upper stiffness x step stays within the smaller of the ceiling and the
+    lower bound of the object's damage limit. The step includes what the hand travels until it has
+    stopped: `safety_filter.filter_command` leaves room for it.
 
     Parameters
     ----------
@@ -129,26 +129,22 @@ def largest_step(
         Upper bound of the present grip force.
     steepest_n : float
         Upper bound of the rise of force per mm or kPa, of object, pads and fingers in series.
-    rate : float
-        Speed of the step, mm/s or kPa/s.
     damage_low_n : float
         Lower bound of the damage force; infinite if unknown.
     limits : SafetyLimits
-        Force ceiling and latency.
+        The force ceiling.
 
     Examples
     --------
     >>> import math
     >>> from functools import partial
-    >>> limits = SafetyLimits(force_ceiling_n=15.0, latency_s=0.02)
-    >>> safe = partial(
-    ...     largest_step, force_high_n=5.0, steepest_n=10.0, rate=5.0, limits=limits
-    ... )
-    >>> round(safe(damage_low_n=math.inf), 6), round(safe(damage_low_n=8.0), 6)
-    (0.9, 0.2)
+    >>> limits = SafetyLimits(force_ceiling_n=15.0)
+    >>> safe = partial(largest_step, force_high_n=5.0, steepest_n=10.0, limits=limits)
+    >>> safe(damage_low_n=math.inf), safe(damage_low_n=8.0)
+    (1.0, 0.3)
     """
     room_n = min(limits.force_ceiling_n, damage_low_n) - force_high_n
-    return max(0.0, room_n / steepest_n - rate * limits.latency_s)
+    return max(0.0, room_n / steepest_n)
 
 
 #: Dangers that open the hand.

@@ -23,8 +23,13 @@ def filter_command(
 ) -> GripperCommand | None:
     """Limit a command to the safe closing; None for no movement.
 
-    Opening commands pass unchanged. A shortened movement keeps its duration, at a lower speed, and
-    therefore overruns less.
+    With the latency t of the hand, a closing command of step s and speed v satisfies
+
+        s + v t <= S,  S = (smaller of ceiling and damage limit - upper force) / upper stiffness - e
+
+    where e is the lag of the reported behind the commanded position (`safe_step`). A shortened
+    movement keeps its duration: v is the requested speed x s / requested travel, or the hand's
+    slowest. Opening commands pass unchanged.
     """
     if request is None or closure_of(request.target, plan) <= estimate.closure:
         return request
@@ -50,8 +55,6 @@ def safe_step(estimate: ContactEstimate, plan: Plan) -> float:
     safe = largest_step(
         force_high_n=estimate.force_high_n,
         steepest_n=plan.steepest_n,
-        # `filter_command` adds the travel during the latency.
-        rate=0.0,
         damage_low_n=estimate.damage_low_n,
         limits=plan.safety,
     )

@@ -29,7 +29,7 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
     estimate, correction = state.estimate, state.correction
     if estimate.still_s >= plan.dwell_s and correction.count:
         record_step(estimate, plan)
-    if estimate.still_s < plan.decide_after_s:
+    if estimate.still_s < SETTLE.decide_after_s:
         return None
     force = state.set_settled_force(forecast(estimate, plan=plan), plan=plan)
     _record_on_target(state, force, plan)
@@ -47,18 +47,16 @@ def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
     assert present is not None
     limited = _is_limited(state.estimate, force, plan)
     below = is_below_target(force, plan)
-    if correction.count < plan.most_adjustments:
+    if correction.count < SETTLE.most_adjustments:
         # At a damage limit, one correction uses all of the allowed force.
         if below and not (limited and correction.count):
-            command = increase_force(
-                state, present, plan, force_deficit_n=force_deficit_n(force, plan)
-            )
+            command = increase_force(state, present, plan, by_n=force_deficit_n(force, plan))
             if command is not None:
                 state.enter(Activity.FORECAST, event="adjusted")
                 return command
         elif is_above_target(force, plan):
             goal_now_n = goal_n(plan) * present.middle / force.middle
-            command = reduce_force(state, present, plan, goal_n=goal_now_n)
+            command = reduce_force(state, present, plan, to_n=goal_now_n)
             state.enter(Activity.EASE, event="eased")
             return command
     if limited and below:
@@ -111,11 +109,11 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
     stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return goal, "force_reached"
-    widest = (1.0 + plan.stiffness_tolerance) / (1.0 - plan.stiffness_tolerance)
+    widest = (1.0 + SQUEEZE.stiffness_tolerance) / (1.0 - SQUEEZE.stiffness_tolerance)
     # A stiffness above the range that needs a firmer squeeze counts as known.
     if stiffness.high / stiffness.low <= widest or stiffness.low > SQUEEZE.firm_n_per_mm:
         return goal, "stiffness_known"
-    return max(goal, min(plan.firm_force_n, plan.firm_mm * stiffness.low)), "firm_enough"
+    return max(goal, min(plan.firm_force_n, SQUEEZE.firm_mm * stiffness.low)), "firm_enough"
 
 
 def force_deficit_n(force: Measurement, plan: Plan) -> float:
@@ -127,7 +125,7 @@ def force_deficit_n(force: Measurement, plan: Plan) -> float:
 
 
 def _has_force_deficit(force: Measurement, plan: Plan) -> bool:
-    return force_deficit_n(force, plan) > plan.target_tolerance * goal_n(plan)
+    return force_deficit_n(force, plan) > SETTLE.target_tolerance * goal_n(plan)
 
 
 def is_below_target(force: Measurement, plan: Plan) -> bool:
@@ -142,7 +140,7 @@ def is_above_target(force: Measurement, plan: Plan) -> bool:
     wanted_n = goal_n(plan)
     low_n = force.low * wanted_n / max(force.middle, wanted_n)
     can_lift = plan.lift_force_n is None or low_n >= plan.lift_force_n
-    return can_lift and force.middle > (1.0 + plan.target_tolerance) * wanted_n
+    return can_lift and force.middle > (1.0 + SETTLE.target_tolerance) * wanted_n
 
 
 def is_lift_certain(force: Measurement, plan: Plan) -> bool:
@@ -174,7 +172,7 @@ def _record_on_target(state: GraspState, force: Measurement, plan: Plan) -> None
 
 
 def increase_force(
-    state: GraspState, force: Measurement, plan: Plan, *, force_deficit_n: float
+    state: GraspState, force: Measurement, plan: Plan, *, by_n: float
 ) -> GripperCommand | None:
     """Return the closing command for a force increase; None if no step is safe."""
     correction, trial = state.correction, copy(state.estimate)
@@ -190,7 +188,7 @@ def increase_force(
             measured = max((force.middle - force_n) / travel, slope / SETTLE.max_slope_drop)
             slope = min(slope, measured)
             longest = math.inf if force.middle > force_n else travel
-    step = max(min(force_deficit_n / slope, longest), plan.smallest_step)
+    step = max(min(by_n / slope, longest), plan.smallest_step)
     command = close_by(trial, step, plan, min_duration_s=SETTLE.correction_s)
     if command is not None:
         state.estimate = trial
@@ -200,7 +198,7 @@ def increase_force(
 
 
 def reduce_force(
-    state: GraspState, force: Measurement, plan: Plan, *, goal_n: float
+    state: GraspState, force: Measurement, plan: Plan, *, to_n: float
 ) -> GripperCommand:
     """Return the command that opens to well below the target force, before closing again.
 
@@ -208,10 +206,10 @@ def reduce_force(
     """
     estimate, correction = state.estimate, state.correction
     estimate.set_force(force.middle, force.high)
-    slope, excess_n = slope_n(estimate, plan), estimate.force_n - goal_n
+    slope, excess_n = slope_n(estimate, plan), estimate.force_n - to_n
     closure = estimate.closure - max(excess_n / slope, plan.smallest_step)
-    opened = max(closure - SETTLE.easing_fraction * goal_n / slope - plan.backlash, 0.0)
-    fraction = (1.0 - SETTLE.easing_fraction) * goal_n / estimate.force_n
+    opened = max(closure - SETTLE.easing_fraction * to_n / slope - SETTLE.backlash, 0.0)
+    fraction = (1.0 - SETTLE.easing_fraction) * to_n / estimate.force_n
     estimate.set_force(fraction * estimate.force_n, fraction * estimate.force_high_n)
     correction.return_closure = closure
     correction.count += 1

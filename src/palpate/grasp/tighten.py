@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.grasp.answers import forecast, read_force
-from palpate.grasp.config import GUARDS, READING, TIGHTEN
+from palpate.grasp.config import GUARDS, READING, SETTLE, TIGHTEN
 from palpate.grasp.estimator import Touch
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
@@ -99,7 +99,7 @@ def tighten(state: GraspState, plan: Plan) -> GripperCommand | None:
     if not plan.tighten or not estimate.touches:
         return None
     held_n = max(progress.held_n, estimate.strongest_n)
-    if progress.is_unread and estimate.still_s >= plan.decide_after_s:
+    if progress.is_unread and estimate.still_s >= SETTLE.decide_after_s:
         if estimate.now.sheet_n < GUARDS.lost_fraction * held_n:
             return state.release(plan, Outcome.SLIPPED)
         _measure_again(state, plan)

@@ -164,11 +164,18 @@ def _median_of_working_pixels(values: FloatArray) -> float:
 def find_end_readings(
     mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[BoolArray, BoolArray]:
-    """Return masks of the counts at the open and short ends of the range."""
-    at_ground = np.asarray(mean_counts <= _END_COUNTS)
-    at_supply = np.asarray(mean_counts >= layout.divider.full_scale - 1 - _END_COUNTS)
-    upper = layout.divider.taxel_leg == "upper"
-    return (at_ground, at_supply) if upper else (at_supply, at_ground)
+    """Return masks of the counts at the open and short ends of the range.
+
+    A short pixel reads the resistance of its lines. Without held idle lines, the pixels that a
+    `Sample` calls saturated are all at the short end.
+    """
+    divider = layout.divider
+    top = divider.full_scale - 1
+    line_counts = divider.full_scale * layout.line_ohm / (divider.reference_ohm + layout.line_ohm)
+    if divider.taxel_leg == "upper":
+        at_end = top - max(line_counts - 0.5, 0.0)
+        return mean_counts <= _END_COUNTS, mean_counts >= at_end - _END_COUNTS
+    return mean_counts >= top - _END_COUNTS, mean_counts <= line_counts + 0.5 + _END_COUNTS
 
 
 def _count_drops_and_jumps(

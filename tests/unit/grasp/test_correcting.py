@@ -53,12 +53,12 @@ def test_increase_force_steps_by_the_slope_as_far_as_the_last_step_showed_it(
 ) -> None:
     state = holding(4.0)
     state.correction.before = before
-    wish = increase_force(state, settled(4.0), plan, force_deficit_n=deficit_n)
+    wish = increase_force(state, settled(4.0), plan, by_n=deficit_n)
     assert plan.gripper.highest - wish.target == pytest.approx(closure, abs=0.03)
 
 
 def test_increase_force_without_safe_step_changes_nothing(plan: Plan) -> None:
     state = holding(4.0)
     state.estimate.damage_low_n = 4.1
-    assert increase_force(state, settled(4.0), plan, force_deficit_n=3.0) is None
+    assert increase_force(state, settled(4.0), plan, by_n=3.0) is None
     assert (state.correction.count, state.estimate.force_n) == (0, 4.0)

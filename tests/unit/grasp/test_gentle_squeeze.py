@@ -68,7 +68,7 @@ def test_gentle_squeeze_of_stiff_object_continues_until_stiffness_known(
     before, _, gentle_n = grasped(replace(plan, firm_force_n=0.0), bench, 10.0)
     after, _, firm_n = grasped(plan, type(bench)(), 10.0)
     assert gentle_n < firm_n
-    assert firm_n / 10.0 <= plan.firm_mm
+    assert firm_n / 10.0 <= SQUEEZE.firm_mm
     wide, narrow = (
         found.stiffness_n_per_mm.high / found.stiffness_n_per_mm.low for found in (before, after)
     )

@@ -86,6 +86,23 @@ def test_all_counts_saturated_while_closing_opens_the_hand(plan: Plan, bench: An
     assert max(bench.forces_n) < 1.0
 
 
+def test_pixel_loaded_beyond_its_range_is_reported_once(plan: Plan, bench: Any) -> None:
+    """One pixel has 30 ohm at rest, and reaches the end of the range at 4.8 N."""
+
+    def with_weak_pixel(frame: Frame) -> Frame:
+        counts, ohm = frame.counts.copy(), 30.0 / (1.0 + bench.force_n / 3.0)
+        counts[0, 0] = round(1024 * 4700 / (4700 + ohm))
+        return replace(frame, counts=counts)
+
+    rest_ohm = plan.rest_ohm.copy()
+    rest_ohm[0, 0] = 30.0
+    bench.change_frames(with_weak_pixel)
+    result = bench.grasp(plan, rest_ohm=rest_ohm, target_force_n=6.0)
+    assert result.outcome is Outcome.HELD
+    (fault,) = result.faults
+    assert "pixel R0 C0 is loaded beyond its measuring range" in fault
+
+
 def test_single_frame_at_range_end_does_not_change_grasp(plan: Plan, bench: Any) -> None:
     def flickering(frame: Frame) -> Frame:
         counts = frame.counts.copy()

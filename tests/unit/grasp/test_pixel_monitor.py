@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
 from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame
+from palpate.sensor.sample import SampleReader
 
 REST = 350
 #: Time, closure in mm, and counts.
@@ -22,23 +23,30 @@ Moment = tuple[float, float, Any]
 
 
 def see(
-    watch: PixelMonitor, moments: Sequence[Moment], *, moving: bool = False
+    watch: PixelMonitor, moments: Sequence[Moment], *, moving: bool = False, oversampling: int = 1
 ) -> list[Alarm | None]:
     """Return the alarm at each moment."""
     found = list[Alarm | None]()
     for number, (time_s, closure, counts) in enumerate(moments):
-        frame = Frame(time_s=time_s, sequence=number, counts=np.asarray(counts))
+        frame = Frame(
+            time_s=time_s, sequence=number, counts=np.asarray(counts), oversampling=oversampling
+        )
         state = GripperState(time_s=time_s, width_mm=74.0 - closure, moving=moving)
         found.append(watch.check(Observation(frame=frame, gripper=state)))
     return found
 
 
 def alarms(
-    plan: Plan, frames: list[Any], *, step_mm: float = 0.0, moving: bool = False
+    plan: Plan,
+    frames: list[Any],
+    *,
+    step_mm: float = 0.0,
+    moving: bool = False,
+    oversampling: int = 1,
 ) -> list[Alarm | None]:
     """Return the alarm at each frame; the fingers close by a step between frames."""
     moments = [(number / 15, number * step_mm, counts) for number, counts in enumerate(frames)]
-    return see(PixelMonitor(plan), moments, moving=moving)
+    return see(PixelMonitor(plan), moments, moving=moving, oversampling=oversampling)
 
 
 def watched(plan: Plan, frames: list[Any], *, step_mm: float = 0.0) -> list[str | None]:
@@ -66,6 +74,26 @@ def test_pixel_monitor_second_frame_at_range_end_raises_alarm(
     assert said[:4] == [None] * 4
     assert said[4] == f"pixel R2 C1 reads {how}; run `palpate doctor`"
     assert watched(plan, [*frames[:4], *flickering(2)]) == [None] * 6, "one frame is no fault"
+
+
+@pytest.mark.parametrize("leg", ["upper", "lower"])
+@pytest.mark.parametrize("line_ohm", [0.0, 0.5, 70.0, 300.0])
+def test_pixel_monitor_saturated_pixel_behind_any_lines_is_short(
+    plan: Plan, leg: Literal["upper", "lower"], line_ohm: float
+) -> None:
+    """The first and the last sum of four conversions that a sample calls saturated."""
+    divider = replace(plan.layout.divider, taxel_leg=leg)
+    wired = replace(plan, layout=replace(plan.layout, divider=divider, line_ohm=line_ohm))
+    rest = REST if leg == "upper" else divider.full_scale - REST
+    counts = np.full((4 * (divider.full_scale - 1) + 1, 4, 2), 4 * rest)
+    counts[:, 1, 1] = np.arange(len(counts))
+    reader = SampleReader(wired.layout, wired.rest_ohm)
+    saturated = counts[reader.read_counts(counts, oversampling=4).saturated[:, 1, 1]]
+    for short in (saturated[0], saturated[-1]):
+        frames = [np.full((4, 2), 4 * rest), short, short]
+        found = alarms(wired, frames, oversampling=4)[-1]
+        assert found is not None, short[1, 1]
+        assert "pixel R1 C1 reads short" in found.message
 
 
 def test_pixel_monitor_frame_with_new_range_end_is_uncertain(plan: Plan) -> None:

@@ -50,16 +50,10 @@ def test_safety_limits_not_positive_are_refused(name: str, value: float) -> None
         SafetyLimits(**{name: value})
 
 
-@pytest.mark.parametrize(
-    ("rate", "damage_low_n", "step"), [(0.0, math.inf, 2.0), (20.0, math.inf, 1.6), (0.0, 8.0, 0.6)]
-)
-def test_largest_step_ends_at_ceiling_or_damage_limit_less_the_travel_during_latency(
-    rate: float, damage_low_n: float, step: float
-) -> None:
-    limits = SafetyLimits(force_ceiling_n=15.0, latency_s=0.02)
-    found = largest_step(
-        force_high_n=5.0, steepest_n=5.0, rate=rate, damage_low_n=damage_low_n, limits=limits
-    )
+@pytest.mark.parametrize(("damage_low_n", "step"), [(math.inf, 2.0), (8.0, 0.6), (4.0, 0.0)])
+def test_largest_step_ends_at_ceiling_or_damage_limit(damage_low_n: float, step: float) -> None:
+    limits = SafetyLimits(force_ceiling_n=15.0)
+    found = largest_step(force_high_n=5.0, steepest_n=5.0, damage_low_n=damage_low_n, limits=limits)
     assert found == pytest.approx(step)
 
 

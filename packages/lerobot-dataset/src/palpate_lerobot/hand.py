@@ -16,6 +16,7 @@ import numpy as np
 from palpate.calibration import Calibration
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.force.of_calibration import force_now
+from palpate.grasp.config import READING
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.safety import FORCE_CEILING_N, largest_step
@@ -54,7 +55,8 @@ class PolicyHand:
     """A hand with its sensor: observations in newtons, and closing below a force limit.
 
     A policy's action is limited so that upper force + upper stiffness x travel stays below the
-    limit for any object (`palpate.grasp.safety.largest_step`). The sheet lags during pressing, so
+    limit for any object (`palpate.grasp.safety.largest_step`). Unlike in a grasp, the travel of a
+    hand that stops late at its target is not subtracted. The sheet lags during pressing, so
     after contact the force is the last reading at standstill; to press further, a policy must wait
     for the next reading. If the force exceeds the limit, the hand opens. Opening is never limited.
 
@@ -197,7 +199,6 @@ class PolicyHand:
         furthest = self._known_closure + largest_step(
             force_high_n=self._known_n,
             steepest_n=plan.steepest_n,
-            rate=0.0,
             damage_low_n=self._limit_n,
             limits=plan.safety,
         )
@@ -221,7 +222,9 @@ class PolicyHand:
     def _measure_rest(self) -> np.ndarray:
         """Measure the rest of the open hand, like a grasp."""
         plan, frames = self._plan, [self._array.read(timeout_s=_FRAME_S)]
-        while len(frames) < plan.rest_frames or frames[-1].time_s - frames[0].time_s < plan.rest_s:
+        while (
+            len(frames) < READING.rest_frames or frames[-1].time_s - frames[0].time_s < plan.rest_s
+        ):
             frames.append(self._array.read(timeout_s=_FRAME_S))
         reader = SampleReader(self._array.layout)
         ohm = np.array([reader.read(frame).resistance_ohm for frame in frames])

@@ -12,7 +12,7 @@ from palpate.calibration import Calibration
 from palpate.errors import CalibrationError
 from palpate.force.force_law import ForceLaw
 from palpate.force.gain import Gain
-from palpate.force.of_calibration import force_law_of
+from palpate.force.of_calibration import HORIZON_S, force_law_of
 from palpate.force.sheet_law import SheetLaw
 from palpate.grasp.answers import forecast
 from palpate.grasp.phases import Activity, Phase
@@ -128,7 +128,7 @@ def grasp_progress_of(
         answer = grasp_state.result if decided else would_answer
         if not (decided and before is not None and before.decided):
             moved_s = grasp_state.estimate.moved_s
-            settles_s, data_s = moved_s + plan.horizon_s, grasp_state.estimate.now_s - moved_s
+            settles_s, data_s = moved_s + HORIZON_S, grasp_state.estimate.now_s - moved_s
     gain, limit_n = grasp_state.estimate.gain, grasp_state.estimate.damage_low_n
     return GraspProgress(
         time_s=grasp_state.estimate.now_s,
