@@ -51,6 +51,8 @@ _FIRM_N = 1.0
 #: common gain of a contact in units of the pixels'. The prior of contacts counts like this many.
 _SHEET_PIXEL_SD, _PIXEL_SD, _COMMON, _PRIOR_CONTACTS = 0.2, 0.1, 0.5, 0.5
 _MOST_PIXEL_SD = 2.0
+#: Prior standard deviation of the common ln gain of a pad's pixels, where there are several pads.
+_PAD_SD = 0.4
 #: Rounds of a fit, largest change of a weight in one, and first scatters.
 _ROUNDS, _LARGEST_STEP, _FIRST_NOISE, _FIRST_PIXEL_SD = 12, 0.5, 0.04, 0.4
 #: Smallest slope: a force that does not rise with the reading would blind a guard.
@@ -135,10 +137,17 @@ class SheetLaw:
 
     @classmethod
     def fit(
-        cls, contacts: Sequence[tuple[States, FloatArray]], *, misfit: float | None = None
+        cls,
+        contacts: Sequence[tuple[States, FloatArray]],
+        *,
+        misfit: float | None = None,
+        weak_n: float = _WEAK_N,
+        pads: ArrayLike | None = None,
     ) -> SheetLaw:
         """Fit the law to a calibration: the states and the forces, newtons, of each contact.
 
+        `weak_n`: scatter of weak forces, newtons; less for weights, which are known and at rest.
+        `pads`, shape (pixels,): number of each pixel's pad, if each may have a gain of its own.
         `misfit`: by default measured with the contacts themselves, which then must be as many and
         as long as those of a load cell.
 
@@ -152,7 +161,7 @@ class SheetLaw:
             raise CalibrationError(
                 "force calibration: no reading rises with the load; calibrate the force again"
             )
-        law = cls._fit(usable)
+        law = cls._fit(usable, weak_n=weak_n, pads=pads)
         if misfit is not None:
             return replace(law, misfit=misfit)
         if len(usable) < _FEWEST_CONTACTS:
@@ -165,10 +174,16 @@ class SheetLaw:
         return [cls._fit([*contacts[:k], *contacts[k + 1 :]]) for k in range(len(contacts))]
 
     @classmethod
-    def _fit(cls, usable: Sequence[tuple[States, FloatArray]]) -> SheetLaw:
+    def _fit(
+        cls,
+        usable: Sequence[tuple[States, FloatArray]],
+        *,
+        weak_n: float = _WEAK_N,
+        pads: ArrayLike | None = None,
+    ) -> SheetLaw:
         """Fit the weights, with the scatter within the contacts."""
         pixels = usable[0][0].log_x.shape[1]
-        prior, variance = _build_prior(pixels)
+        prior, covariance = _build_prior(pixels, pads)
         # The unit of force of a pixel has no prior: its size differs from sheet to sheet.
         prior[0] += np.median(np.concatenate([_errors(prior, *one) for one in usable]))
         used = [_select(*one) for one in usable]
@@ -177,7 +192,7 @@ class SheetLaw:
         weights, noise, pixel_sd = prior, _FIRST_NOISE, _FIRST_PIXEL_SD
         for _ in range(_ROUNDS):
             of_contact = np.r_[_COMMON**2, np.ones(pixels)] * pixel_sd**2
-            scatter = repeats * (noise**2 + (_WEAK_N / np.exp(log_force)) ** 2)
+            scatter = repeats * (noise**2 + (weak_n / np.exp(log_force)) ** 2)
             rows, gains = list[FloatArray](), list[FloatArray]()
             left = log_force.copy()
             for mine, (states, _), at in zip(used, usable, _slices(log_true), strict=True):
@@ -196,8 +211,8 @@ class SheetLaw:
                 square = gain**2 + of_contact - (known * (own * of_contact).T).sum(axis=1)
                 found += 0.5 * (square[0] / _COMMON**2 + square[1:].mean())
                 error[at] -= own @ gain
-            spread = (design * variance) @ design.T + about
-            weight = variance[:, None] * np.linalg.solve(spread, design).T
+            spread = design @ covariance @ design.T + about
+            weight = np.linalg.solve(spread, design @ covariance).T
             step = prior + weight @ (left + design @ (weights - prior)) - weights
             weights = weights + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
             weights[1] = max(weights[1], _LEAST_SLOPE)
@@ -213,7 +228,7 @@ class SheetLaw:
         floor_n = float(np.quantile(weak_n, 0.9)) / half_width_sds(0.9) if weak_n.size else 0.1
         return cls(
             mean=weights,
-            covariance=np.diag(variance) - weight @ (design * variance),
+            covariance=covariance - weight @ design @ covariance,
             contact=deviation,
             reach=max(
                 float(states.log_x[mine].max())
@@ -410,15 +425,21 @@ def evaluate(
     return np.log(total) - states.play @ h, jacobian, share
 
 
-def _build_prior(pixels: int) -> tuple[FloatArray, FloatArray]:
-    """Return mean and variance of the weights of a sheet before its calibration."""
+def _build_prior(pixels: int, pads: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of the weights of a sheet before its calibration."""
     mean = np.r_[0.0, _SLOPE, 0.0, np.full(N_LAGS, _CREEP), _PLAYS_MEAN * _PLAYS, np.zeros(pixels)]
     sd = np.r_[
         _CONSTANT_SD, _SLOPE_SD, _CURVE_SD, np.full(_FAST_LAGS, _FAST_SD),
         np.full(N_LAGS - _FAST_LAGS, _CREEP_SD), _PLAYS,
         np.full(pixels, _SHEET_PIXEL_SD),
     ]  # fmt: skip
-    return mean, sd**2
+    covariance = np.diag(sd**2)
+    if pixels > 1 and pads is not None:
+        of_pixel = np.ravel(pads)
+        same = of_pixel[:, None] == of_pixel
+        if not same.all():
+            covariance[N_SHARED:, N_SHARED:] += _PAD_SD**2 * same
+    return mean, covariance
 
 
 def _select(states: States, force_n: FloatArray) -> NDArray[np.bool_]:
