@@ -11,7 +11,8 @@ ln F is linear in w for one pixel, and nearly so for several: a calibration is a
 update with all its readings. A contact deviates from its sheet by a common gain and by gains of its
 pixels; how much, the placements of the calibration tell (expectation maximisation). The interval
 includes the remaining covariance of w, the deviation of a contact, and the scatter. The errors of
-each placement, by a law of the others, scale it.
+each placement, by a law of the others, scale it. Early readings of weights update the creep c alone
+(`creep_update`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
+from palpate.force.creep_update import update_creep
 from palpate.force.force_states import CONTACT_EXCESS
 from palpate.force.sheet_states import (
     N_LAGS,
@@ -163,6 +165,32 @@ class SheetLaw:
     def fit_others(cls, contacts: Sequence[tuple[States, FloatArray]]) -> list[SheetLaw]:
         """Return for each contact a law of all others, without its misfit."""
         return [cls._fit([*contacts[:k], *contacts[k + 1 :]]) for k in range(len(contacts))]
+
+    def learn_creep(self, contacts: Sequence[tuple[States, FloatArray]]) -> SheetLaw:
+        """Return the law with the creep that weights show.
+
+        `contacts`: as in `fit`; in each, the rest, and the settled reading of one weight, possibly
+            after an early one.
+        """
+        early, settled, error = list[FloatArray](), list[FloatArray](), list[float]()
+        for states, force_n in contacts:
+            if force_n.size < 3 or not _select(states, force_n)[1:].all():
+                continue
+            (_, early_n, settled_n), (_, *both), _ = evaluate(self.mean, states)
+            early.append(both[0])
+            settled.append(both[1])
+            error.append(float(settled_n - early_n))
+        if not error:
+            return self
+        mean, covariance = update_creep(
+            self.mean,
+            self.covariance,
+            creep=slice(_STATIC, _STATIC + N_LAGS),
+            early=np.array(early),
+            settled=np.array(settled),
+            error=np.array(error),
+        )
+        return replace(self, mean=mean, covariance=covariance)
 
     @classmethod
     def _fit(cls, usable: Sequence[tuple[States, FloatArray]]) -> SheetLaw:
