@@ -8,17 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.early_reading import find_early
 from palpate.calibration import ForcePairs
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, InputError
-from palpate.force.of_calibration import HORIZON_S, fit_sheet_law
+from palpate.force.creep_update import EARLY_S
+from palpate.force.of_calibration import HORIZON_S, fit_sheet_law, settled_pairs
 from palpate.holds.strict import read_table
 from palpate.holds.units import find_unit
-from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, PressureArray
+from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame, PressureArray
 from palpate.sensor.rest_baseline import rest_baseline
-from palpate.sensor.sample import SampleReader, pixel_resistance_ohm
+from palpate.sensor.sample import PixelSignals, SampleReader, pixel_resistance_ohm
 from palpate.signal.relative import mean_change, total_excess
 
 #: Maximum time per load.
@@ -56,10 +59,39 @@ _MAX_LOAD_N = 49.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadMeasurement:
-    """Pairs of the usable loads above 0 N, and the loads without a usable reading."""
+    """Pairs of the usable loads above 0 N, and the loads without a usable reading.
+
+    A load whose placement was recorded has an early reading before the settled one.
+    """
 
     pairs: ForcePairs
     refused_n: tuple[float, ...]
+
+
+class KeptFrames:
+    """An array whose frames are kept, for the early reading of a weight.
+
+    Pass one to `measure_loads` if its `place` reads frames.
+    """
+
+    def __init__(self, array: PressureArray) -> None:
+        self._array = array
+        #: The frames of the present placement.
+        self.frames: list[Frame] = []
+
+    @property
+    def layout(self) -> ArrayLayout:
+        """Layout of the array."""
+        return self._array.layout
+
+    def read(self, *, timeout_s: float) -> Frame:
+        """Return the next frame."""
+        self.frames.append(self._array.read(timeout_s=timeout_s))
+        return self.frames[-1]
+
+    def close(self) -> None:
+        """Close the array."""
+        self._array.close()
 
 
 class _UnusableReadingError(Exception):
@@ -146,12 +178,13 @@ def measure_loads(
     settled: Callable[[ForcePairs], None] | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> LoadMeasurement:
-    """Read the settled value under each load.
+    """Read the settled value under each load, and the early one if its placement was recorded.
 
     `array`: the unloaded sensor.
     `loads_n`: loads in order of application; each is requested after the previous reading.
-    `place`: called with each load; returns once the load is on the sheet.
-    `clock`: clock of the frames' timestamps; frames from before the placement are dropped.
+    `place`: called with each load; returns once the load is on the sheet. The frames that arrived
+        until then show when it was placed.
+    `clock`: clock of the frames' timestamps; the load settles from the return of `place` on.
     `settled`: called after each usable reading with all pairs so far.
     `tell`: called with a sentence for each load that is left out, and for unequal readings of one
         load. A load is left out if its reading does not settle, is that at rest, or is that of
@@ -160,21 +193,21 @@ def measure_loads(
     have a usable reading.
     """
     tell = tell or (lambda _: None)
-    rest = rest_baseline(_ohm(array, _REST_S))
+    kept = array if isinstance(array, KeptFrames) else KeptFrames(array)
+    rest = rest_baseline(_ohm(kept, _REST_S))
     rest_ohm = rest.rest_ohm
     # Excess of each pixel that may be the reading at rest.
     noise = np.maximum(_AT_REST_EXCESS, 0.01 * _NOISE_SIGMAS * rest.spread_percent)
-    settled_n, excess, relative = list[float](), list[float](), list[float]()
-    by_pixel = list[tuple[float, ...]]()
-    refused: list[float] = []
+    weighed, refused = list[_Weighed](), list[float]()
     previous: tuple[float, float] | None = None
     for load_n in loads_n:
+        kept.frames.clear()
         place(load_n)
         placed_s = clock.now_s()
-        while array.read(timeout_s=FRAME_TIMEOUT_S).time_s < placed_s:
+        while kept.read(timeout_s=FRAME_TIMEOUT_S).time_s < placed_s:
             pass
         try:
-            reading = _measure_settled(array, rest_ohm, load_n)
+            reading = _measure_settled(kept, rest_ohm, load_n)
             if load_n > 0:
                 _check_reading(reading, load_n, noise=noise, previous=previous)
         except _UnusableReadingError as error:
@@ -184,43 +217,46 @@ def measure_loads(
         previous = load_n, reading.excess
         if load_n <= 0:
             continue
-        for other_n, other in zip(settled_n, excess, strict=True):
-            if other_n == load_n and abs(np.log(reading.excess / other)) > np.log(_UNEQUAL_RATIO):
+        for other in weighed:
+            ratio = reading.excess / other.settled.excess
+            if other.load_n == load_n and abs(np.log(ratio)) > np.log(_UNEQUAL_RATIO):
                 tell(
-                    f"{load_n:.4g} N read {other:.3g} before and {reading.excess:.3g} now (excess "
-                    "conductance); the interval of the force includes both"
+                    f"{load_n:.4g} N read {other.settled.excess:.3g} before and "
+                    f"{reading.excess:.3g} now (excess conductance); the interval of the force "
+                    "includes both"
                 )
                 break
-        settled_n.append(load_n)
-        excess.append(reading.excess)
-        relative.append(reading.relative_percent)
-        # A pixel without a reading adds nothing to the sum either.
-        by_pixel.append(tuple(np.nan_to_num(reading.by_pixel).ravel().tolist()))
+        early = _find_early(kept, rest_ohm, settled=reading)
+        weighed.append(_Weighed(load_n=load_n, early=early, settled=reading))
         if settled is not None:
-            settled(_pair(settled_n, excess, relative, by_pixel))
-    if len(set(settled_n)) < MIN_LOADS:
+            settled(_pair(weighed))
+    loads = {one.load_n for one in weighed}
+    if len(loads) < MIN_LOADS:
         raise CalibrationError(
-            f"force calibration: {_describe_too_few(sorted(set(settled_n)))}, with a settled "
+            f"force calibration: {_describe_too_few(sorted(loads))}, with a settled "
             "reading; avoid vibration and place the weights on a flat stamp"
         )
-    pairs = _pair(settled_n, excess, relative, by_pixel)
-    return LoadMeasurement(pairs=pairs, refused_n=tuple(refused))
+    return LoadMeasurement(pairs=_pair(weighed), refused_n=tuple(refused))
 
 
-def _pair(
-    force_n: Sequence[float],
-    excess: Sequence[float],
-    relative_percent: Sequence[float],
-    pixel_excess: Sequence[tuple[float, ...]],
-) -> ForcePairs:
-    """Return settled readings of weights as pairs; each weight is a placement of its own."""
+def _pair(weighed: Sequence[_Weighed]) -> ForcePairs:
+    """Return the readings of weights as pairs; each weight is a placement of its own."""
+    rows = [
+        (run, since_s, reading, one.load_n)
+        for run, one in enumerate(weighed)
+        for since_s, reading in ((EARLY_S, one.early), (HORIZON_S, one.settled))
+        if reading is not None
+    ]
     return ForcePairs(
-        run=tuple(range(len(force_n))),
-        since_move_s=(HORIZON_S,) * len(force_n),
-        excess=tuple(excess),
-        relative_percent=tuple(relative_percent),
-        force_n=tuple(force_n),
-        pixel_excess=tuple(pixel_excess),
+        run=tuple(run for run, _, _, _ in rows),
+        since_move_s=tuple(since_s for _, since_s, _, _ in rows),
+        excess=tuple(reading.excess for _, _, reading, _ in rows),
+        relative_percent=tuple(reading.relative_percent for _, _, reading, _ in rows),
+        force_n=tuple(load_n for _, _, _, load_n in rows),
+        # A pixel without a reading adds nothing to the sum either.
+        pixel_excess=tuple(
+            tuple(np.nan_to_num(reading.by_pixel).ravel().tolist()) for _, _, reading, _ in rows
+        ),
     )
 
 
@@ -230,7 +266,8 @@ def half_widths_percent(pairs: ForcePairs, *, layout: ArrayLayout) -> dict[str, 
     `pairs`: of weights, as `measure_loads` returns; the load is distributed as under these.
     Raises `CalibrationError` as `fit_sheet_law`.
     """
-    law, excess = fit_sheet_law(pairs, layout=layout), np.array(pairs.pixel_excess)
+    law = fit_sheet_law(pairs, layout=layout)
+    excess = np.array(settled_pairs(pairs).pixel_excess)
     usual = np.mean(excess / excess.sum(axis=1, keepdims=True), axis=0)
     found = law.read_settled(excess.sum(axis=1).mean() * _FACTORS[:, None] * usual)
     low, high = law.interval_n(found.force_n, log_sd=found.log_sd)
@@ -254,6 +291,15 @@ class _LoadReading:
     #: Shape (rows, cols).
     by_pixel: FloatArray
     relative_percent: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Weighed:
+    """The readings of one weight; the early one is None if the placement was not recorded."""
+
+    load_n: float
+    early: _LoadReading | None
+    settled: _LoadReading
 
 
 def _measure_settled(array: PressureArray, rest_ohm: FloatArray, load_n: float) -> _LoadReading:
@@ -314,8 +360,31 @@ def _measure_load(array: PressureArray, rest_ohm: FloatArray, load_n: float) -> 
                 f"force calibration: a pixel {text} at {load_n:.4g} N; "
                 + (remedy if unusable is pixels.saturated else "run `palpate doctor`")
             )
-    usable = ~(pixels.saturated | pixels.open).any(axis=(1, 2))
-    change, excess = pixels.change_percent[usable], pixels.excess[usable]
+    return _average(pixels, _is_usable(pixels))
+
+
+def _find_early(
+    kept: KeptFrames, rest_ohm: FloatArray, *, settled: _LoadReading
+) -> _LoadReading | None:
+    """Return the reading shortly after a weight was placed; None if the frames do not show it."""
+    ohm = _convert(kept.frames, layout=kept.layout)
+    pixels = SampleReader(kept.layout, rest_ohm).read_ohm(ohm)
+    chosen = find_early(
+        np.array([frame.time_s for frame in kept.frames]),
+        np.where(_is_usable(pixels), total_excess(pixels.excess), np.nan),
+        settled=settled.excess,
+    )
+    return _average(pixels, chosen) if chosen.any() else None
+
+
+def _is_usable(pixels: PixelSignals) -> NDArray[np.bool_]:
+    """Return which frames have a reading of every pixel, shape (frames,)."""
+    return np.asarray(~(pixels.saturated | pixels.open).any(axis=(1, 2)))
+
+
+def _average(pixels: PixelSignals, chosen: NDArray[np.bool_]) -> _LoadReading:
+    """Return the mean of the chosen frames."""
+    change, excess = pixels.change_percent[chosen], pixels.excess[chosen]
     return _LoadReading(
         excess=float(np.mean(total_excess(excess))),
         by_pixel=excess.mean(axis=0),
@@ -327,8 +396,13 @@ def _ohm(array: PressureArray, duration_s: float) -> FloatArray:
     frames = [array.read(timeout_s=FRAME_TIMEOUT_S)]
     while frames[-1].time_s < frames[0].time_s + duration_s:
         frames.append(array.read(timeout_s=FRAME_TIMEOUT_S))
+    return _convert(frames, layout=array.layout)
+
+
+def _convert(frames: Sequence[Frame], *, layout: ArrayLayout) -> FloatArray:
+    """Return the resistances of frames."""
     return pixel_resistance_ohm(
         np.array([frame.counts for frame in frames]),
-        layout=array.layout,
+        layout=layout,
         oversampling=frames[0].oversampling,
     )

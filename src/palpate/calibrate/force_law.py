@@ -9,14 +9,15 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.calibration import Calibration
-from palpate.force.force_law import ForceLaw
 from palpate.force.line_law import fit_settled_line
 from palpate.force.of_calibration import (
     DWELL_S,
     HORIZON_S,
     contacts_of,
     fit_sheet_law,
+    fit_summed_law,
     is_made_by_weights,
+    settled_pairs,
 )
 from palpate.force.sheet_law import SheetLaw
 from palpate.force.weights_check import (
@@ -44,6 +45,8 @@ def predict_held_out(recorded: Calibration) -> Predictions:
     Raises `CalibrationError` as `SheetLaw.fit`.
     """
     pairs = recorded.force
+    if is_made_by_weights(pairs):
+        pairs = settled_pairs(pairs)
     contacts, run = contacts_of(pairs, layout=recorded.layout), np.array(pairs.run, dtype=float)
     order = np.argsort(run, kind="stable")
     others = SheetLaw.fit_others(contacts)
@@ -79,10 +82,9 @@ def add_force_law(recorded: Calibration) -> Calibration:
     pairs = recorded.force
     held_out: dict[str, Any] = {"of": "settled force"}
     if is_made_by_weights(pairs) and not pairs.pixel_excess:
-        excess, force_n = np.array(pairs.excess), np.array(pairs.force_n)
-        known = ForceLaw.fit(list(excess), force_n=force_n)
-        held_out["error_percent"] = score_held_out_loads(excess, force_n=force_n)
-        return replace(recorded, force_law=known.as_dict(), held_out=held_out)
+        settled = settled_pairs(pairs)
+        held_out["error_percent"] = score_held_out_loads(settled.excess, force_n=settled.force_n)
+        return replace(recorded, force_law=fit_summed_law(pairs).as_dict(), held_out=held_out)
     law = fit_sheet_law(pairs, layout=recorded.layout)
     if is_made_by_weights(pairs):
         found = predict_held_out(recorded)

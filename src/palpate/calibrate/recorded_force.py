@@ -25,6 +25,7 @@ from palpate.calibrate.sheet_reading import SheetReading, learn_reading
 from palpate.calibrate.weighed import pair_weights, score_loads
 from palpate.calibration import Calibration, ForcePairs, RestValues
 from palpate.errors import InputError
+from palpate.force.creep_update import EARLY_S
 from palpate.force.force_law import ForceLaw
 from palpate.force.of_calibration import HORIZON_S, follow_force, force_law_of
 from palpate.force.sheet_law import SheetLaw
@@ -72,6 +73,8 @@ class FittedForce:
         Whether the law was fitted to settled readings, to readings with history, or before.
     excess, force_n, contact : ndarray, shape (pairs,)
         Readings of the fit, their loads, and the number of the contact.
+    early : ndarray, shape (pairs,)
+        Excess soon after the weight was placed; NaN if unknown.
     held_out : HeldOut or None
         Errors on contacts or loads that the law did not see; None if there are too few.
     taken : list of str
@@ -84,6 +87,7 @@ class FittedForce:
     excess: FloatArray
     force_n: FloatArray
     contact: FloatArray
+    early: FloatArray
     held_out: HeldOut | None
     taken: list[str]
 
@@ -214,13 +218,21 @@ def fit_sensor(sensor: LoadedSensor, *, rest_s: tuple[float, float] | None = Non
     reading, taken = learn_reading(sensor, rest_s=rest_s)
     weighed = sensor.is_settled or any(part.weighed for part in sensor.parts)
     if weighed:
-        excess, force_n, remarks = pair_weights(sensor, reading)
-        law = ForceLaw.fit(excess.tolist(), force_n=force_n)
+        found = pair_weights(sensor, reading)
+        excess, force_n, early = found.excess, found.force_n, found.early
+        law, twice = ForceLaw.fit(excess.tolist(), force_n=force_n), np.isfinite(early)
+        if twice.any():
+            law.learn_creep(early[twice], settled=excess[twice])
+        remarks = list(found.remarks)
+        if sensor.parts[0].weighed:
+            remarks.append(
+                f"creep: from the readings {EARLY_S:g} s after placing {twice.sum()} of the weights"
+            )
         contact = np.arange(force_n.size, dtype=float)
         held_out = score_loads(excess, force_n)
     else:
         law, excess, force_n, contact, held_out = fit_moving(sensor, reading)
-        remarks = []
+        remarks, early = [], np.full(force_n.size, np.nan)
     range_n = f"{force_n.min():.3g} to {force_n.max():.3g} N"
     number = f"{force_n.size} weights" if weighed else f"{np.unique(contact).size} contacts"
     return FittedForce(
@@ -230,6 +242,7 @@ def fit_sensor(sensor: LoadedSensor, *, rest_s: tuple[float, float] | None = Non
         excess=excess,
         force_n=force_n,
         contact=contact,
+        early=early,
         held_out=held_out,
         taken=[*taken, *sensor.taken, f"{number}, {range_n}", *remarks],
     )
@@ -267,14 +280,20 @@ def make_calibration(fitted: FittedForce, *, earlier: Calibration | None, name: 
         frames=max(reading.rest_readings, 1),
     )
     by_weights = fitted.kind == "weights"
-    run = np.zeros(fitted.force_n.size) if by_weights else fitted.contact
+    # An early reading precedes the settled one of its weight.
+    early = np.isfinite(fitted.early)
+    row = np.repeat(np.arange(fitted.force_n.size), 1 + early)
+    is_early = np.r_[np.diff(row) == 0, False]
+    excess = np.where(is_early, fitted.early[row], fitted.excess[row])
+    since_s = np.where(is_early, EARLY_S, HORIZON_S if by_weights else 0.0)
+    run = row if by_weights else fitted.contact.astype(int)
     pairs = ForcePairs(
-        run=tuple(run.astype(int).tolist()),
-        since_move_s=(HORIZON_S if by_weights else 0.0,) * fitted.force_n.size,
-        excess=tuple(fitted.excess.tolist()),
+        run=tuple(run.tolist()),
+        since_move_s=tuple(since_s.tolist()),
+        excess=tuple(excess.tolist()),
         # Of equal pixels: the law uses the sum only.
-        relative_percent=tuple(change_of_excess(fitted.excess / pixels).tolist()),
-        force_n=tuple(fitted.force_n.tolist()),
+        relative_percent=tuple(change_of_excess(excess / pixels).tolist()),
+        force_n=tuple(fitted.force_n[row].tolist()),
     )
     base = replace_rest(earlier, rest, layout=layout, simulated=False)
     base = replace(base, force=pairs, made_at=format_now())
@@ -325,6 +344,7 @@ def use_calibration(calibration: Calibration, sensor: LoadedSensor, *, name: str
         excess=np.array(calibration.force.excess),
         force_n=np.array(calibration.force.force_n),
         contact=np.array(calibration.force.run, dtype=float),
+        early=np.full(len(calibration.force.run), np.nan),
         held_out=None,
         taken=[
             f"{', '.join(sensor.columns)[:120]}: {'counts' if is_counts else 'ohm'}",

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.early_reading import find_early
 from palpate.calibrate.held_out import FEWEST_HELD_OUT, HeldOut, log_error, predict_power
 from palpate.calibrate.loaded_sensor import LoadedSensor
 from palpate.calibrate.sheet_reading import SheetReading, is_weight
@@ -13,11 +16,27 @@ from palpate.force.force_law import ForceLaw
 from palpate.force.line_law import MIN_PAIRS
 
 
-def pair_weights(
-    sensor: LoadedSensor, reading: SheetReading
-) -> tuple[FloatArray, FloatArray, list[str]]:
-    """Return the settled excess under each weight, and its newtons."""
-    found, loads, remarks = list[float](), list[float](), list[str]()
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WeightReadings:
+    """Readings of n weights.
+
+    `excess`, `force_n`, shape (n,): settled excess, and newtons.
+    `early`, shape (n,): excess soon after the weight was placed; NaN where it is not recorded.
+    `remarks`: weights without a reading.
+    """
+
+    excess: FloatArray
+    force_n: FloatArray
+    early: FloatArray
+    remarks: list[str]
+
+
+def pair_weights(sensor: LoadedSensor, reading: SheetReading) -> WeightReadings:
+    """Return the readings of each weight.
+
+    Raises `CalibrationError` if no weight has a reading.
+    """
+    found, loads, first = list[float](), list[float](), list[float]()
     for part in sensor.parts:
         total = reading.total(part.values)
         usable = np.isfinite(total)
@@ -25,19 +44,26 @@ def pair_weights(
             weights = is_weight(part.load_n)
             found += total[weights].tolist()
             loads += part.load_n[weights].tolist()
+            first += [np.nan] * int(weights.sum())
         for begin_s, end_s, load_n in part.weighed:
             inside = (part.time_s >= begin_s) & (part.time_s <= end_s) & usable
             if load_n > 0:
-                found.append(float(np.median(total[inside])) if inside.any() else np.nan)
+                settled = float(np.median(total[inside])) if inside.any() else np.nan
+                before = usable & (part.time_s < begin_s)
+                early = find_early(part.time_s[before], total[before], settled=settled)
+                found.append(settled)
                 loads.append(load_n)
+                first.append(float(total[before][early].mean()) if early.any() else np.nan)
     excess, force_n = np.array(found), np.array(loads)
-    known = np.isfinite(excess)
+    known, remarks = np.isfinite(excess), list[str]()
     if not known.all():
         gone = ", ".join(f"{load:g}" for load in force_n[~known][:8])
         remarks.append(f"no usable reading under {gone} N; omitted")
     if not known.any():
         raise CalibrationError(f"{sensor.name}: no weight has a usable reading")
-    return excess[known], force_n[known], remarks
+    return WeightReadings(
+        excess=excess[known], force_n=force_n[known], early=np.array(first)[known], remarks=remarks
+    )
 
 
 def score_loads(excess: FloatArray, force_n: FloatArray) -> HeldOut | None:

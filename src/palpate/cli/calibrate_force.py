@@ -39,7 +39,7 @@ from palpate.cli.output import print_json, print_message, progress
 from palpate.cli.sensor_source import open_source
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError
-from palpate.force.of_calibration import DWELL_S, HORIZON_S
+from palpate.force.of_calibration import DWELL_S, HORIZON_S, settled_pairs
 from palpate.plots.force_calibration import force_calibration_figure
 from palpate.plots.style import check_plot, save_figure
 from palpate.rig.board_cell import measure_mean_counts, require_board
@@ -202,7 +202,7 @@ class WeightSeries:
 
     def add(self, pairs: ForcePairs) -> None:
         """Take all pairs so far, and print the new half-widths."""
-        self._loads_n = pairs.force_n
+        self._loads_n = settled_pairs(pairs).force_n
         self.half_widths_percent = half_widths_percent(pairs, layout=self._layout)
         each = ", ".join(
             f"{width:.0f} % at {force} N" for force, width in self.half_widths_percent.items()

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
+from palpate.force.creep_update import EARLY_S, update_creep
 from palpate.force.force_states import (
     CONTACT_EXCESS,
     TIME_CONSTANTS_S,
@@ -63,6 +64,8 @@ _ROUNDING = 1.0 + 1e-9
 _FEWEST_REVERSED = 3
 #: Difference of ln excess from its 0.1 s copy that counts as a rise, and that copy's input index.
 _RISING, _COPY = 0.05, 3
+#: Weights of the differences from the copies.
+_CREEP = slice(2, 2 + len(TIME_CONSTANTS_S))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -251,6 +254,33 @@ class ForceLaw:
             law.misfit = max(1.0, _ROUNDING * farthest / half_width_sds(0.9))
             law._thresholds_n = {}
         return law
+
+    def learn_creep(self, early: ArrayLike, *, settled: ArrayLike) -> Self:
+        """Learn the creep from two readings of each of n weights, and return the law.
+
+        `early`, `settled`, shape (n,): excess conductance `creep_update.EARLY_S` after the weight
+        was placed, and settled.
+
+        >>> law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
+        >>> reading = law.trace([0.0, 2.0], [0.0, 10.0])[-1]
+        >>> before = law.force(reading).value
+        >>> crept = law.learn_creep([2.8, 10.0, 28.0], settled=[4.0, 15.0, 40.0])
+        >>> abs(crept.force(reading).value - 4.0) < abs(before - 4.0)
+        True
+        """
+        pairs = zip(np.asarray(early, dtype=float), np.asarray(settled, dtype=float), strict=True)
+        traces = [self.trace([0.0, EARLY_S], [0.0, one])[-1] for one, _ in pairs]
+        first, last = self._design(np.array(traces)), self._design(build_settled_inputs(settled))
+        self.mean, self.covariance = update_creep(
+            self.mean,
+            self.covariance,
+            creep=_CREEP,
+            early=first,
+            settled=last,
+            error=(last - first) @ self.mean,
+        )
+        self._thresholds_n = {}
+        return self
 
     def copy(self) -> Self:
         """Return an independent copy of the law."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.calibration import Calibration, ForcePairs
 from palpate.errors import CalibrationError
+from palpate.force.creep_update import EARLY_S
 from palpate.force.force_follower import ForceFollower, ForceSource
 from palpate.force.force_law import ForceLaw, refuse_reversed
 from palpate.force.force_states import CONTACT_EXCESS
@@ -57,8 +59,8 @@ def sheet_law_of(calibration: Calibration) -> SheetLaw:
 def fit_sheet_law(pairs: ForcePairs, *, layout: ArrayLayout) -> SheetLaw:
     """Fit the force law of a grasp to the pairs of a calibration.
 
-    Dead weights tell the settled reading of each pixel at a few loads; creep and unloading are then
-    those of other sensors. A load cell tells all but the unloading.
+    Dead weights tell the settled reading of each pixel at a few loads, and their early readings the
+    creep; the rest is that of other sensors. A load cell tells all but the unloading.
 
     Raises
     ------
@@ -66,16 +68,34 @@ def fit_sheet_law(pairs: ForcePairs, *, layout: ArrayLayout) -> SheetLaw:
         As `sheet_law_of`.
     """
     if is_made_by_weights(pairs) and pairs.pixel_excess:
-        refuse_reversed(
-            np.maximum(pairs.excess, CONTACT_EXCESS), force_n=pairs.force_n, remedy=_RETYPE
+        weights = settled_pairs(pairs)
+        excess = np.maximum(weights.excess, CONTACT_EXCESS)
+        refuse_reversed(excess, force_n=weights.force_n, remedy=_RETYPE)
+        law = SheetLaw.fit(
+            contacts_of(weights, layout=layout),
+            misfit=_WEIGHTS_MISFIT,
+            weak_n=_WEAK_WEIGHTS_N,
+            pads=pads_of(layout),
         )
-        contacts = contacts_of(pairs, layout=layout)
-        return SheetLaw.fit(
-            contacts, misfit=_WEIGHTS_MISFIT, weak_n=_WEAK_WEIGHTS_N, pads=pads_of(layout)
-        )
+        return law.learn_creep(contacts_of(pairs, layout=layout))
     for since_move_s in (DWELL_S, HORIZON_S):
         pairs_at(pairs, since_move_s=since_move_s)
     return SheetLaw.fit(contacts_of(pairs, layout=layout))
+
+
+def fit_summed_law(pairs: ForcePairs) -> ForceLaw:
+    """Fit the law of the sum of the pixels to readings of weights.
+
+    Raises
+    ------
+    CalibrationError
+        As `ForceLaw.fit`.
+    """
+    settled, excess = settled_pairs(pairs), np.array(pairs.excess)
+    law = ForceLaw.fit(list(settled.excess), force_n=settled.force_n)
+    early = np.flatnonzero(~np.isclose(pairs.since_move_s, HORIZON_S))
+    # The settled reading of a weight follows its early one.
+    return law.learn_creep(excess[early], settled=excess[early + 1]) if early.size else law
 
 
 def force_law_of(calibration: Calibration) -> SheetLaw | ForceLaw:
@@ -91,7 +111,7 @@ def force_law_of(calibration: Calibration) -> SheetLaw | ForceLaw:
     """
     pairs = calibration.force
     if is_made_by_weights(pairs) and not pairs.pixel_excess:
-        return ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n)
+        return fit_summed_law(pairs)
     if is_made_by_recording(pairs):
         return ForceLaw.from_dict(calibration.force_law)
     return sheet_law_of(calibration)
@@ -159,8 +179,20 @@ def _loaded_fraction(excess: FloatArray, *, layout: ArrayLayout) -> FloatArray:
 
 
 def is_made_by_weights(pairs: ForcePairs) -> bool:
-    """Return whether a calibration was made with dead weights."""
-    return bool(pairs.since_move_s) and bool(np.isclose(pairs.since_move_s, HORIZON_S).all())
+    """Return whether a calibration was made with dead weights: settled, and possibly early."""
+    since_s = np.array(pairs.since_move_s)
+    settled = np.isclose(since_s, HORIZON_S)
+    return bool(settled.any() and (settled | np.isclose(since_s, EARLY_S)).all())
+
+
+def settled_pairs(pairs: ForcePairs) -> ForcePairs:
+    """Return the settled readings of weights."""
+    rows = np.flatnonzero(np.isclose(pairs.since_move_s, HORIZON_S)).tolist()
+    columns = {one.name: getattr(pairs, one.name) for one in fields(pairs)}
+    # Only the readings of the pixels may be missing.
+    return ForcePairs(
+        **{name: tuple(each[row] for row in rows if each) for name, each in columns.items()}
+    )
 
 
 def is_made_by_recording(pairs: ForcePairs) -> bool:

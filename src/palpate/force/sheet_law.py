@@ -11,7 +11,8 @@ ln F is linear in w for one pixel, and nearly so for several: a calibration is a
 update with all its readings. A contact deviates from its sheet by a common gain and by gains of its
 pixels; how much, the placements of the calibration tell (expectation maximisation). The interval
 includes the remaining covariance of w, the deviation of a contact, and the scatter. The errors of
-each placement, by a law of the others, scale it.
+each placement, by a law of the others, scale it. Early readings of weights update the creep c alone
+(`creep_update`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
+from palpate.force.creep_update import update_creep
 from palpate.force.force_states import CONTACT_EXCESS
 from palpate.force.sheet_states import (
     N_LAGS,
@@ -47,12 +49,11 @@ _MOST_READINGS = 25.0
 _LEAST_N, _WEAK_N = 0.15, 0.3
 #: Force from which errors are relative, newtons.
 _FIRM_N = 1.0
-#: Prior standard deviations: of ln gain of a pixel of a sheet, of a pixel in a contact, and of the
-#: common gain of a contact in units of the pixels'. The prior of contacts counts like this many.
+#: Prior standard deviations: of ln gain of a pixel of a sheet, and of a pad where each may have its
+#: own; of a pixel in a contact, and of the common gain of a contact in units of the pixels'. The
+#: prior of contacts counts like this many.
 _SHEET_PIXEL_SD, _PIXEL_SD, _COMMON, _PRIOR_CONTACTS = 0.2, 0.1, 0.5, 0.5
 _MOST_PIXEL_SD = 2.0
-#: Prior standard deviation of the common ln gain of a pad's pixels, where there are several pads.
-_PAD_SD = 0.4
 #: Rounds of a fit, largest change of a weight in one, and first scatters.
 _ROUNDS, _LARGEST_STEP, _FIRST_NOISE, _FIRST_PIXEL_SD = 12, 0.5, 0.04, 0.4
 #: Smallest slope: a force that does not rise with the reading would blind a guard.
@@ -173,6 +174,32 @@ class SheetLaw:
         """Return for each contact a law of all others, without its misfit."""
         return [cls._fit([*contacts[:k], *contacts[k + 1 :]]) for k in range(len(contacts))]
 
+    def learn_creep(self, contacts: Sequence[tuple[States, FloatArray]]) -> SheetLaw:
+        """Return the law with the creep that weights show.
+
+        `contacts`: as in `fit`; in each, the rest, and the settled reading of one weight, possibly
+            after an early one.
+        """
+        early, settled, error = list[FloatArray](), list[FloatArray](), list[float]()
+        for states, force_n in contacts:
+            if force_n.size < 3 or not _select(states, force_n)[1:].all():
+                continue
+            (_, early_n, settled_n), (_, *both), _ = evaluate(self.mean, states)
+            early.append(both[0])
+            settled.append(both[1])
+            error.append(float(settled_n - early_n))
+        if not error:
+            return self
+        mean, covariance = update_creep(
+            self.mean,
+            self.covariance,
+            creep=slice(_STATIC, _STATIC + N_LAGS),
+            early=np.array(early),
+            settled=np.array(settled),
+            error=np.array(error),
+        )
+        return replace(self, mean=mean, covariance=covariance)
+
     @classmethod
     def _fit(
         cls,
@@ -224,8 +251,8 @@ class SheetLaw:
         deviation = np.r_[_COMMON**2, np.zeros(N_SHARED - 1), np.ones(pixels)]
         deviation *= pixel_sd**2 * freedom / (freedom - 2.0)
         weak = log_force < np.log(_FIRM_N)
-        weak_n = np.abs(np.exp(log_force) * np.expm1(-error))[weak]
-        floor_n = float(np.quantile(weak_n, 0.9)) / half_width_sds(0.9) if weak_n.size else 0.1
+        missed_n = np.abs(np.exp(log_force) * np.expm1(-error))[weak]
+        floor_n = float(np.quantile(missed_n, 0.9)) / half_width_sds(0.9) if weak.any() else 0.1
         return cls(
             mean=weights,
             covariance=covariance - weight @ design @ covariance,
@@ -438,7 +465,7 @@ def _build_prior(pixels: int, pads: ArrayLike | None) -> tuple[FloatArray, Float
         of_pixel = np.ravel(pads)
         same = of_pixel[:, None] == of_pixel
         if not same.all():
-            covariance[N_SHARED:, N_SHARED:] += _PAD_SD**2 * same
+            covariance[N_SHARED:, N_SHARED:] += _SHEET_PIXEL_SD**2 * same
     return mean, covariance
 
 

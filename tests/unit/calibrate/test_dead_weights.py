@@ -12,6 +12,8 @@ from palpate.calibrate.dead_weights import LoadMeasurement, has_unloading, measu
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
 from palpate.force.force_law import ForceLaw
+from palpate.force.of_calibration import fit_sheet_law, is_made_by_weights, settled_pairs
+from palpate.force.sheet_states import compute_states
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
@@ -71,8 +73,9 @@ def test_measure_loads_reads_settled_values() -> None:
         bench.array, loads_n=[2.0, 3.0, 6.0, 9.0, 3.0], place=bench.place, clock=bench.world.clock
     )
     assert found.refused_n == ()
-    assert found.pairs.force_n == (2.0, 3.0, 6.0, 9.0, 3.0)
-    assert found.pairs.excess[3] > found.pairs.excess[2] > found.pairs.excess[1]
+    settled = settled_pairs(found.pairs)
+    assert settled.force_n == (2.0, 3.0, 6.0, 9.0, 3.0)
+    assert settled.excess[3] > settled.excess[2] > settled.excess[1]
 
 
 @pytest.mark.slow
@@ -205,3 +208,72 @@ def test_measure_loads_reading_within_the_noise_at_rest_is_left_out() -> None:
     array = NoisySheet({0: 0.0})
     assert array.measure(0.2, 2.0, 4.0, 9.0).refused_n == (0.2,)
     assert "reading at rest" in array.told[0]
+
+
+class RecordedSheet(Sheet):
+    """A creeping sheet whose frames queue up while the user places a weight and presses Enter."""
+
+    def __init__(self, *, lowered_s: float = 0.0, hand: float = 1.0) -> None:
+        super().__init__()
+        self.laid_s, self.lowered_s, self.hand = -np.inf, lowered_s, hand
+        self.queue: list[Frame] = []
+
+    def count(self) -> int:
+        since_s = self.clock.now_s() - self.laid_s
+        if since_s < 0 or not np.isfinite(since_s):
+            return round(1024 * 4700.0 / (4700.0 + 11_000.0))
+        by_hand = self.hand if since_s < 4.0 else 1.0
+        ohm = 11_000.0 / (1.0 + by_hand * excess_of(self.load_n, since_s=since_s))
+        return round(1024 * 4700.0 / (4700.0 + ohm))
+
+    def read(self, *, timeout_s: float) -> Frame:
+        return self.queue.pop(0) if self.queue else super().read(timeout_s=timeout_s)
+
+    def place(self, load_n: float) -> None:
+        """Remove the last weight, lay the next one 8 s later, and press Enter after 6 s more."""
+        self.load_n, self.laid_s = load_n, self.clock.now_s() + 8.0
+        until_s = self.laid_s + 6.0
+        frames = []
+        while self.clock.now_s() < until_s:
+            frames.append(super().read(timeout_s=1.0))
+        if self.lowered_s:
+            # The queue lost its oldest frames.
+            frames = [one for one in frames if one.time_s > self.laid_s + self.lowered_s]
+        self.queue = frames
+
+
+def excess_of(load_n: float, *, since_s: float) -> float:
+    """Return the excess of a pixel whose creep is twice that of the prior."""
+    return float((1.0 + 0.5 * load_n) ** (1.0 - 0.5 * np.exp(-since_s / 3.0)) - 1.0)
+
+
+def test_recorded_placement_gives_an_early_reading_that_teaches_the_creep() -> None:
+    sheet = RecordedSheet()
+    pairs = sheet.measure(1.5, 4.0, 9.0).pairs
+    assert pairs.run == (0, 0, 1, 1, 2, 2)
+    assert pairs.since_move_s == (2.0, 20.0) * 3
+    assert is_made_by_weights(pairs)
+    early = excess_of(9.0, since_s=1.75)
+    assert pairs.pixel_excess[4][0] == pytest.approx(early, rel=0.03)
+    time_s = np.r_[0.0, np.arange(0.1, 20.0, 0.1)]
+    one = np.array([0.0, *(excess_of(6.0, since_s=at) for at in time_s[1:])])
+    states = compute_states(time_s, np.repeat(one[:, None], 8, axis=1))
+    settled = settled_pairs(pairs)
+    soon, late = (
+        fit_sheet_law(each, layout=RIGID_LAYOUT).force_n(states) for each in (pairs, settled)
+    )
+    at = [4, 10, 30]  # 0.4, 1 and 3 s
+    error, without = (np.abs(found[0][at] / 6.0 - 1.0) for found in (soon, late))
+    assert (error < 0.6 * without).all()
+    assert ((soon[1][at] < 6.0) & (soon[2][at] > 6.0)).all()
+    # The settled law stays.
+    assert [found[-1] for found in soon] == pytest.approx([found[-1] for found in late], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "sheet", [RecordedSheet(lowered_s=0.5), RecordedSheet(hand=3.0)], ids=["lost frames", "a hand"]
+)
+def test_placement_that_is_not_recorded_whole_or_pressed_by_hand_has_no_early_reading(
+    sheet: RecordedSheet,
+) -> None:
+    assert sheet.measure(1.5, 4.0, 9.0).pairs.since_move_s == (20.0,) * 3

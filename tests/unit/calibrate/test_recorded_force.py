@@ -103,13 +103,44 @@ def test_law_with_history_has_the_smaller_held_out_error_on_a_sheet_that_creeps(
     assert fitted.held_out.median_abs_log_error < power
 
 
+def lay(weights_n: list[float], *, creep: float) -> dict[str, Any]:
+    """Return a recording of weights, each on the sensor for 25 s after 10 s without."""
+    time_s = np.arange(0.0, 35.0 * len(weights_n) + 10.0, 0.1)
+    excess = np.zeros(time_s.size)
+    for number, weight_n in enumerate(weights_n):
+        since_s = time_s - 35.0 * number - 10.0
+        on = (since_s >= 0) & (since_s < 25.0)
+        slow = creep * np.exp(-np.maximum(since_s, 0.0) / 3.0)
+        excess += np.where(on, 6.0 * weight_n**0.95 * (1.0 - slow), 0.0)
+    return {"time_s": time_s, "R_ohm": 20e3 / (1.0 + excess)}
+
+
+@pytest.mark.parametrize("creep", [0.0, 0.3, 0.5])
+def test_log_of_weights_teaches_the_creep_after_they_were_placed(creep: float) -> None:
+    weights_n, tested_n = [1.5, 4.0, 9.0], 6.0
+    log, other = lay(weights_n, creep=creep), lay([tested_n], creep=creep)
+    fitted = fit_force(log, weights=weights_n)
+    settled = ForceLaw.fit(fitted.excess.tolist(), force_n=fitted.force_n)
+    (trace,), (before,) = (replace(fitted, law=law).force(other) for law in (fitted.law, settled))
+    at = np.searchsorted(other["time_s"], [10.5, 11.0, 13.0])
+    error, without = (np.abs(np.log(one.force_n[at] / tested_n)) for one in (trace, before))
+    assert error.mean() < 0.85 * without.mean()
+    last = np.searchsorted(other["time_s"], 34.0)
+    assert trace.force_n[last] == pytest.approx(before.force_n[last], rel=0.02)
+    assert len(fitted.early) == np.isfinite(fitted.early).sum() == 3
+
+
 @pytest.mark.parametrize(
-    "table",
-    [{"load_n": LOADS_N, "R_ohm": OHM}, press([2.0, 6.0, 1.2, 4.0, 8.0, 3.0])],
-    ids=["weights", "load cell"],
+    "given",
+    [
+        {"source": {"load_n": LOADS_N, "R_ohm": OHM}},
+        {"source": press([2.0, 6.0, 1.2, 4.0, 8.0, 3.0])},
+        {"source": lay([1.5, 4.0, 9.0], creep=0.3), "weights": [1.5, 4.0, 9.0]},
+    ],
+    ids=["weights", "load cell", "log of weights"],
 )
-def test_saved_calibration_follows_frames_as_the_fit(table: dict[str, Any], tmp_path: Path) -> None:
-    fitted = fit_force(table)
+def test_saved_calibration_follows_frames_as_the_fit(given: dict[str, Any], tmp_path: Path) -> None:
+    fitted = fit_force(**given)
     make_calibration(fitted, earlier=None, name="pad").save(tmp_path / "pad.json")
     stored = Calibration.load(tmp_path / "pad.json")
     assert stored.rest_ohm.ravel() == pytest.approx(20e3, rel=0.01)

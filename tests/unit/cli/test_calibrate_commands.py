@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.commands import Command, run_palpate
 
@@ -149,14 +150,15 @@ def test_calibrate_force_stops_prompting_within_the_tolerance() -> None:
     series, placed = WeightSeries(layout=RIGID_LAYOUT, tolerance_percent=150.0), list[float]()
     for load_n in _iterate_until_tolerance([1.5, 4.0, 9.0, 6.0, 2.0], series):
         placed.append(load_n)
-        pixels = [(1.0 * one**1.2,) * 8 for one in placed]
+        # Each weight has an early and a settled reading.
+        pixels = [(part * one**1.2,) * 8 for one in placed for part in (0.8, 1.0)]
         series.add(
             ForcePairs(
-                run=tuple(range(len(placed))),
-                since_move_s=(20.0,) * len(placed),
+                run=tuple(np.repeat(range(len(placed)), 2).tolist()),
+                since_move_s=(2.0, 20.0) * len(placed),
                 excess=tuple(map(sum, pixels)),
-                relative_percent=(-50.0,) * len(placed),
-                force_n=tuple(placed),
+                relative_percent=(-50.0,) * len(pixels),
+                force_n=tuple(np.repeat(placed, 2).tolist()),
                 pixel_excess=tuple(pixels),
             )
         )

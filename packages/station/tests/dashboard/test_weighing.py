@@ -32,7 +32,7 @@ REST_OHM = 9000.0
 
 
 class PadAndUser:
-    """A sheet with an instantaneous power law, and a user who follows the guide."""
+    """A sheet with a power law and, with `creep`, a slow part, and a user who follows the guide."""
 
     layout = RIGID_LAYOUT
     limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
@@ -43,11 +43,14 @@ class PadAndUser:
         self.context: JobContext | None = None
         self.gives_up_at = ""
         self.late_s = 0.0
+        self.creep = self.lays_after_s = self.confirms_after_s = self.laid_s = 0.0
+        self._next_n, self._confirm_at_s = 0.0, np.inf
 
     def read(self, *, timeout_s: float) -> Frame:
         self._obey()
         self.clock.sleep_s(0.1)
         excess = 0.0 if self.load_n == 0 else 8.0 * self.load_n**1.2
+        excess *= 1.0 - self.creep * float(np.exp((self.laid_s - self.clock.now_s()) / 3.0))
         ohm = REST_OHM / (1.0 + excess / RIGID_LAYOUT.pixels)
         counts = 64 * 1024 / (1.0 + ohm / RIGID_LAYOUT.divider.reference_ohm)
         self.sequence += 1
@@ -64,8 +67,14 @@ class PadAndUser:
             if self.gives_up_at and self.gives_up_at in note.text:
                 self.context.requests.stop.set()
             if note.needs_confirmation:
-                self.load_n = float(note.text.removeprefix("Place ").removesuffix(" N on the pad"))
-                self.context.confirmed.set()
+                self._next_n = float(note.text.removeprefix("Place ").removesuffix(" N on the pad"))
+                self.laid_s = self.clock.now_s() + self.lays_after_s
+                self._confirm_at_s = self.laid_s + self.confirms_after_s
+        if self.clock.now_s() >= self.laid_s:
+            self.load_n = self._next_n
+        if self.clock.now_s() >= self._confirm_at_s:
+            self._confirm_at_s = np.inf
+            self.context.confirmed.set()
 
     def state(self) -> GripperState:
         return GripperState(time_s=self.clock.now_s(), width_mm=74.0)
@@ -117,6 +126,16 @@ def test_calibrate_force_with_weights_requests_every_load_and_recovers_the_law(
     assert errors
     # Without an end weight, the law extrapolates.
     assert max(errors) < 15.0
+
+
+def test_calibrate_force_keeps_the_frames_from_before_the_confirmation(
+    pad: PadAndUser, tmp_path: Path
+) -> None:
+    pad.creep, pad.lays_after_s, pad.confirms_after_s = 0.3, 1.0, 4.0
+    order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=(1.0, 4.0, 9.0))
+    calibrate_force(order, context=pad.context)
+    # This user exchanges the weights, so that the pad is empty before the first one only.
+    assert Calibration.load(order.file).force.since_move_s == (2.0, 20.0, 20.0, 20.0)
 
 
 def test_calibrate_force_stopped_between_weights_leaves_the_file_unchanged(

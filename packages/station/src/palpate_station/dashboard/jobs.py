@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from palpate.calibrate.dead_weights import check_loads, measure_loads
+from palpate.calibrate.dead_weights import KeptFrames, check_loads, measure_loads
 from palpate.calibrate.force_law import add_force_law
 from palpate.calibrate.guided import HOLDS_N, Bench, measure_force, measure_rest
 from palpate.calibrate.rest import compute_rest, format_now, replace_rest
@@ -411,7 +411,7 @@ def _calibrate_with_load_cell(guided: GuidedBench, context: JobContext) -> Force
 
 def _calibrate_with_weights(loads_n: list[float], context: JobContext) -> ForcePairs:
     """Guide the user through the weights, and read each weight after its confirmation."""
-    array, placements = context.watch_array(), iter(range(len(loads_n)))
+    array, placements = KeptFrames(context.watch_array()), iter(range(len(loads_n)))
 
     def place(load_n: float) -> None:
         """Ask for a weight and wait until the user confirms its placement."""
