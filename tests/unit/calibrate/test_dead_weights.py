@@ -213,9 +213,10 @@ def test_measure_loads_reading_within_the_noise_at_rest_is_left_out() -> None:
 class RecordedSheet(Sheet):
     """A creeping sheet whose frames queue up while the user places a weight and presses Enter."""
 
-    def __init__(self, *, lowered_s: float = 0.0, hand: float = 1.0) -> None:
+    def __init__(self, *, lost_s: tuple[float, float] = (0.0, 0.0), hand: float = 1.0) -> None:
+        """Lose the frames between these times before and after each placement."""
         super().__init__()
-        self.laid_s, self.lowered_s, self.hand = -np.inf, lowered_s, hand
+        self.laid_s, self.lost_s, self.hand = -np.inf, lost_s, hand
         self.queue: list[Frame] = []
 
     def count(self) -> int:
@@ -232,14 +233,11 @@ class RecordedSheet(Sheet):
     def place(self, load_n: float) -> None:
         """Remove the last weight, lay the next one 8 s later, and press Enter after 6 s more."""
         self.load_n, self.laid_s = load_n, self.clock.now_s() + 8.0
-        until_s = self.laid_s + 6.0
-        frames = []
+        until_s, frames = self.laid_s + 6.0, list[Frame]()
         while self.clock.now_s() < until_s:
             frames.append(super().read(timeout_s=1.0))
-        if self.lowered_s:
-            # The queue lost its oldest frames.
-            frames = [one for one in frames if one.time_s > self.laid_s + self.lowered_s]
-        self.queue = frames
+        before_s, after_s = self.lost_s
+        self.queue = [one for one in frames if not -before_s < one.time_s - self.laid_s < after_s]
 
 
 def excess_of(load_n: float, *, since_s: float) -> float:
@@ -271,7 +269,9 @@ def test_recorded_placement_gives_an_early_reading_that_teaches_the_creep() -> N
 
 
 @pytest.mark.parametrize(
-    "sheet", [RecordedSheet(lowered_s=0.5), RecordedSheet(hand=3.0)], ids=["lost frames", "a hand"]
+    "sheet",
+    [RecordedSheet(lost_s=(9.0, 0.5)), RecordedSheet(lost_s=(1.0, 0.3)), RecordedSheet(hand=3.0)],
+    ids=["full queue", "a pause", "a hand"],
 )
 def test_placement_that_is_not_recorded_whole_or_pressed_by_hand_has_no_early_reading(
     sheet: RecordedSheet,
