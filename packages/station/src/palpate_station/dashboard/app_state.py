@@ -155,6 +155,7 @@ class AppState:
         devices, words = self.session.devices, self.session.words
         devices.interrupted = found
         devices.add_alarm(interruption_text(found, words))
+        self.session.form.await_item(found.item_id, why=Unfinished.NOT_MEASURED)
         item = found.item_id or "no item"
         what = f"grasp of {item} interrupted, not stored (recording {found.recording})"
         record_event("palpate serve", what, level=logging.WARNING)
@@ -406,9 +407,8 @@ class AppState:
             devices.placed = placement.complete(grasped.document)
             devices.evidence, devices.is_answered = placement.evidence, True
             devices.why_default = why_default(placement, self.session.words)
-            again = devices.placed.needs_regrasp
-            why = Unfinished.PROVISIONAL if again else None
-            self.session.form.return_item(order, again=again, why=why)
+            why = Unfinished.PROVISIONAL if devices.placed.needs_regrasp else None
+            self.session.form.return_item(order, why=why)
         return placement
 
     def _finish_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
@@ -489,10 +489,12 @@ class AppState:
         """Add a grasp to the history, and publish its document."""
         devices, chosen, item = self.session.devices, document.bin, document.item
         again = document.needs_regrasp
-        is_repeated = again or document.result.outcome in REPEATED_OUTCOMES
-        is_lost = document.item_id != "" and document.not_stored != ""
-        why = Unfinished.NOT_STORED if is_lost else Unfinished.PROVISIONAL if again else None
-        self.session.form.return_item(order, again=is_repeated, why=why)
+        why = Unfinished.PROVISIONAL if again else None
+        if document.result.outcome in REPEATED_OUTCOMES:
+            why = Unfinished.NOT_MEASURED
+        if document.item_id and document.not_stored:
+            why = Unfinished.NOT_STORED
+        self.session.form.return_item(order, why=why)
         devices.not_stored = document.not_stored
         entry = replace(
             entry,
@@ -558,8 +560,7 @@ class AppState:
             match note:
                 case OrderEnded(order=GraspOrder() as order, found=None):
                     self._cancel_grasp()
-                    # The hand has not measured the item, which is to be grasped again.
-                    self.session.form.return_item(order, again=True)
+                    self.session.form.return_item(order, why=Unfinished.NOT_MEASURED)
 
 
 def age_text(made_at: str) -> str:

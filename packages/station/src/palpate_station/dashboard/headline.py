@@ -180,9 +180,10 @@ def find_headline(session: Session, *, stale: bool) -> Headline:
     outcome = progress.answer.outcome if is_over else None
     report = Report.OUTCOME if is_over else Report.PHASE
     # The bin is chosen a moment after the answer: until then nothing may look like one.
-    is_open = activity is DeviceActivity.GRASPING and not devices.is_answered and not is_over
+    is_open = activity is DeviceActivity.GRASPING and not devices.is_answered
     if not progress.decided or is_open:
         return Headline(report=report, kind="busy", phase=progress.phase, outcome=outcome)
+    has_bin = progress.phase == Phase.HOLD.value or progress.answer.outcome is Outcome.HELD
     found = Headline(
         report=report,
         kind="good",
@@ -190,7 +191,8 @@ def find_headline(session: Session, *, stale: bool) -> Headline:
         outcome=outcome,
         result=progress.answer,
         target_force_n=session.shown_target_n,
-        **(_bin_fields(devices) if progress.phase == Phase.HOLD.value else {}),
+        # The opening hand keeps the bin: another word, even for a moment, could be mistaken for one.
+        **(_bin_fields(devices) if has_bin else {}),
     )
     return _with_kind(found, "warn" if found.on_target is False else "good")
 
@@ -450,6 +452,8 @@ def _next_step(session: Session, headline: Headline) -> str:
         if headline.phase == Phase.HOLD.value and headline.result is None:
             return words("next.wait")
         if headline.phase == Phase.HOLD.value:
+            if session.form.item_id and session.name_fault:
+                return session.name_fault
             if headline.no_bin:
                 return words("next.no_bin_held")
             return words("next.turn_held" if again else "next.take")
@@ -465,28 +469,26 @@ def _next_step(session: Session, headline: Headline) -> str:
     if devices.live.is_hand_open is False:
         is_holding = headline.result is not None and headline.outcome in _HOLDING_OUTCOMES
         return words("next.release_item" if is_holding else "next.release")
-    if session.form.label_fault:
-        return words("next.label")
-    if doubt := session.form.find_doubt(words):
-        return doubt
     form = session.form
+    if (form.item_id or form.is_refused) and session.name_fault:
+        return session.name_fault
     if form.why is Unfinished.NOT_STORED and form.item_id and devices.item_id == form.pending:
         return words("next.not_stored", item=short_name(form.pending))
-    if session.requires_item and not session.form.item_id:
-        return words("next.name")
-    if report is Report.SENSOR_BACK or (report is Report.STOPPED_OPEN and session.form.is_returned):
-        return words("next.again")
-    if report is Report.INTERRUPTED and devices.interrupted is not None:
+    if report is Report.INTERRUPTED and devices.interrupted is not None and not form.item_id:
         item_id = devices.interrupted.item_id
-        return words("next.interrupted" if item_id else "next.again")
+        return words("next.interrupted" if item_id else "next.again", item=short_name(item_id))
+    if report in (Report.SENSOR_BACK, Report.INTERRUPTED) or (
+        report is Report.STOPPED_OPEN and form.is_returned
+    ):
+        return words("next.again")
     if report is Report.DAMAGED:
         return words("next.aside")
     if headline.no_bin:
         return words("next.no_bin")
     if again:
         return words("next.turn")
-    is_ended = report is Report.OUTCOME and headline.outcome is not None
-    return words(f"next.{headline.outcome if is_ended else Outcome.HELD}")
+    outcome = headline.outcome if report is Report.OUTCOME and headline.outcome else Outcome.HELD
+    return (outcome is Outcome.HELD and session.name_fault) or words(f"next.{outcome}")
 
 
 def interruption_text(interrupted: Interruption, words: Words) -> str:

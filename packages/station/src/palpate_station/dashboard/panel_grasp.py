@@ -83,8 +83,9 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
     def end_scan() -> None:
         """Take the name at the end of a scan, or report why not."""
         if viewer.may_act:
-            if fault := form.label_fault:
-                viewer.refuse(fault, holds=lambda: form.label_fault == fault)
+            if form.label_fault:
+                item_id = form.item_id
+                viewer.refuse(form.label_fault, holds=lambda: form.item_id == item_id)
             elif doubt := form.end_scan(words):
                 viewer.refuse(doubt)
         viewer.refresh()
@@ -109,8 +110,8 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
         is_long = short_name(form.item_id) != form.item_id
         shown = label_again if form.is_returned and form.item_id else label
         shown = f"{shown} {short_name(form.item_id)}" if is_long else shown
-        is_refused = form.label_fault or form.find_doubt(words)
-        state = "" if not form.item_id else "refused" if is_refused else "taken"
+        is_clear = not app_state.session.name_fault
+        state = "" if not form.item_id else "taken" if is_clear else "refused"
         item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
         # A grasp has taken its name, and the next item may be scanned meanwhile.
         is_grasping = app_state.session.devices.activity is DeviceActivity.GRASPING
@@ -177,6 +178,13 @@ def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
             viewer.words("button.release"), viewer.release, props=shortcut, action=Action.RELEASE
         )
         release_button.style("font-size: 19px")
+
+    def show_blocked() -> None:
+        """Show whether a grasp has a clear name; a press then still says what is wrong."""
+        is_blocked = app_state.session.name_fault != ""
+        grasp_button.classes(**{"add" if is_blocked else "remove": "blocked"})
+
+    viewer.on_refresh(show_blocked)
     viewer.show_with_gripper(foot)
 
 

@@ -32,6 +32,7 @@ from palpate_station.dashboard.messages import (
 )
 from palpate_station.dashboard.users import Role, User
 from palpate_station.dashboard.words import Words
+from palpate_station.line.gs1 import LabelError
 
 #: The device process reports 20 times per second; after this silence it counts as hung, seconds.
 _MAX_SILENCE_S = 1.0
@@ -228,6 +229,15 @@ class Session:
         self._viewer_of_tab = {
             tab: last for tab, last in self._viewer_of_tab.items() if last != viewer
         }
+
+    @property
+    def name_fault(self) -> str:
+        """Why the next item has no clear name, and what to do; empty if a grasp may take it."""
+        form, fault = self.form, self.form.label_fault
+        if fault is not None:
+            return self.words(fault.step if isinstance(fault, LabelError) else "next.label")
+        is_missing = self.requires_item and not form.item_id
+        return self.words("next.name") if is_missing else form.find_doubt(self.words)
 
     # -- permitted actions ----------------------------------------------------------------------
 
