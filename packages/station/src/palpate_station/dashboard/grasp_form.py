@@ -179,6 +179,11 @@ class GraspForm:
         """Expect the grasp of an item before any other; empty for an item without a name."""
         self.pending, self.why = item_id, why
 
+    def end_item(self, item_id: str) -> None:
+        """End an item that is unfinished, because a person has decided on it."""
+        if item_id and item_id == self.pending and self._give_up() and self.is_returned:
+            self.item_id, self.is_returned = "", False
+
     def _give_up(self) -> bool:
         """End the item that comes first as it is; return whether there was one."""
         if self._is_taken or not (self.pending or self._scanned):

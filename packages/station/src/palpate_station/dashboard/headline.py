@@ -360,7 +360,7 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         measured.insert(0, words("bin.so_far", bin=headline.bin.name))
     if devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
         target_force_n = session.shown_target_n
-    is_scanned = form.is_refused or (form.item_id != "" and not form.is_returned)
+    is_past = form.is_refused or (form.item_id != "" and not form.is_returned) or devices.is_past
     return {
         "word": _capitalize(_operator_word(session, headline)),
         "detail": _operator_detail(headline, devices, words),
@@ -374,7 +374,7 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         if headline.result is None
         else store_note(devices, words),
         "opens": "" if session.silence_s is not None else _countdown(devices, headline, words),
-        "is_past": is_scanned and headline.result is not None and devices.grasped is not None,
+        "is_past": is_past and headline.result is not None and devices.grasped is not None,
         "target": words("target.none")
         if target_force_n is None
         else words("target.force", force=f"{target_force_n:g}"),
@@ -406,6 +406,9 @@ def _operator_word(session: Session, headline: Headline) -> str:
 def why_default(placement: Placement, words: Words) -> str:
     """Return why an item gets the default bin; empty for another bin, or without one."""
     decision = None if placement.done is None else placement.done.decision
+    if (given := placement.given) is not None:
+        measured = "-" if decision is None else decision.bin
+        return words("why.given", name=given.giver, measured=measured)
     if decision is None or decision.rule is not None:
         return ""
     closest = decision.closest
