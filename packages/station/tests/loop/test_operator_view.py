@@ -168,7 +168,8 @@ def test_operator_page_fits_every_possible_text_at_every_size(
     capital = [word[:1].upper() + word[1:] for word in words]
     name = "(01)04012345000016(21)A17"
     nexts = [text for key, text in texts.items() if key.startswith("next.")]
-    doubts = ("item.unfinished", "item.not_stored", "item.sorted")
+    doubts = ("item.unfinished", "item.not_stored", "item.sorted", "item.scanned")
+    doubts += ("item.not_measured", "next.interrupted")
     short = {"item": short_name(name), "other": short_name(name), "bin": "large", "at": "13:30"}
     nexts += [texts[key].format(**short) for key in doubts]
     nexts += [texts["watch"].format(name="operator's page at 192.168.100.200")]
