@@ -110,6 +110,19 @@ def test_who_acts_while_nobody_drives_becomes_the_driver_unless_refused() -> Non
     assert session.claim("gateway")
 
 
+def test_person_who_reopens_the_page_that_drove_keeps_control() -> None:
+    session = Rehearsal().session
+    session.join("old", tab="1", name="maria")
+    session.claim("old")
+    # A second page of the same person takes nothing from the first.
+    assert not session.join("other", tab="2", name="maria")
+    session.mark_away("old")
+    assert not session.join("peter", tab="3", name="peter")
+    assert session.join("new", tab="4", name="maria")
+    session.leave("old")
+    assert session.driver == "new"
+
+
 def test_roles_limit_the_actions_of_a_driver(rehearsal: Rehearsal) -> None:
     session = rehearsal.session
     session.leave("a")

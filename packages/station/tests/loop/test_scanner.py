@@ -187,6 +187,10 @@ def test_operator_sees_whose_verdict_it_is_who_controls_and_what_happens_by_itse
                 other.set_viewport_size({"width": width, "height": height})
                 watched = "Another screen controls (operator's page at 127.0.0.1)"
                 expect(other.locator("#next-text")).to_have_text(watched)
+            # A scan on the screen that does not control is not taken silently.
+            other.keyboard.type("K7")
+            other.keyboard.press("Enter")
+            expect(other.locator("#next-text")).to_contain_text("NOT TAKEN: press Take over")
         # Without Release, the gripper opens after 60 s of simulated time.
         machine.ready()
         expect(page.locator("#verdict-why")).to_contain_text("opened automatically after 60 s")

@@ -349,7 +349,8 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     """Return the texts of the operator's page.
 
     ``word``, ``detail``: the verdict. ``is_bin``: whether its word is a final bin. ``next``: the
-    next step, on the screen that controls. ``watch``: the text in its place on other screens.
+    next step, on the screen that controls. ``is_refused``: whether the entered name is refused, and
+    the next step is about it. ``watch``: the text in its place on other screens.
     ``badge``: a note that the grasp is not stored. ``opens``: the countdown before the gripper
     opens by itself. ``is_past``: whether the verdict is that of another item than the scanned one.
     """
@@ -367,6 +368,7 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         "measured": ", ".join(measured),
         "is_bin": headline.bin is not None and not headline.bin.again,
         "next": _capitalize(_next_step(session, headline)),
+        "is_refused": form.item_id != "" and session.name_fault != "",
         "watch": _watch_text(session, headline),
         "badge": words("badge.interrupted")
         if devices.interrupted is not None and headline.report in _INTERRUPTED

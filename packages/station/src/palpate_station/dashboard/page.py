@@ -109,6 +109,8 @@ def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
     name = (user and user.name) or session.words(kind, address=client.ip or "")
     role = Role.CONFIGURE if user is None else user.role
     client.on_connect(lambda: session.join(client.id, tab=client.tab_id, name=name, role=role))
+    # The handler is also called for the old connection of a page that has a new one.
+    client.on_disconnect(lambda: client.has_socket_connection or session.mark_away(client.id))
     client.on_delete(lambda: session.leave(client.id))
     may_drive = str(role.may_drive).lower()
     ui.query("body").props(f"data-viewer={client.id} data-may-drive={may_drive}")

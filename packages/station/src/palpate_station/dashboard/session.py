@@ -117,6 +117,8 @@ class Session:
         #: End of the lease of each client without a connection of its own.
         self._leases_s = dict[str, float]()
         self._viewer_of_tab = dict[str, str]()
+        #: Pages without a connection, which may return.
+        self._away = set[str]()
         #: Settings of the next grasp.
         self.form = GraspForm()
         #: Target force of the last ordered grasp.
@@ -170,7 +172,7 @@ class Session:
 
         A viewer becomes the driver with its first accepted action while nobody drives: a page that
         is only open keeps no line from driving. A page reloaded in the same browser tab retains
-        control. A `leased` viewer drives until `LEASE_S` after its last `renew`, because nothing
+        control, and so does a person (by `name`) who has closed the page that drove. A `leased` viewer drives until `LEASE_S` after its last `renew`, because nothing
         else reveals that it has gone. A viewer whose `role` may only watch never drives.
 
         >>> session = Session(send=print)
@@ -185,9 +187,13 @@ class Session:
         self.viewers.add(viewer)
         self._names.setdefault(viewer, name)
         self._roles.setdefault(viewer, role)
+        self._away.discard(viewer)
         if leased:
             self._leases_s[viewer] = self._now_s() + LEASE_S
-        if before is not None and self.driver == before and self._roles[viewer].may_drive:
+        driver = self.driver
+        is_same = driver in self._away and self.driver_name == self._names[viewer]
+        is_same |= before is not None and driver == before
+        if is_same and self._roles[viewer].may_drive:
             self._drive(viewer)
         return self.driver == viewer
 
@@ -217,12 +223,17 @@ class Session:
             self._on_event(self._names[viewer], f"drives{before and f' instead of {before}'}")
         self._driver = viewer
 
+    def mark_away(self, viewer: str) -> None:
+        """Note that a page has lost its connection: it is closed, or returns soon."""
+        self._away.add(viewer)
+
     def leave(self, viewer: str) -> None:
         """Remove a viewer; after the driver leaves, the next to act or take over drives."""
         if self._driver == viewer:
             self._on_event(self._names[viewer], "stops driving")
             self._driver = None
         self.viewers.discard(viewer)
+        self._away.discard(viewer)
         self._names.pop(viewer, None)
         self._roles.pop(viewer, None)
         self._leases_s.pop(viewer, None)

@@ -1,7 +1,11 @@
 // The operator's page: verdict, next step and force, readable from two metres.
 import { $, esc, fit, follow, handState, headline, isDriver, joined, mayDrive, setText, reasons } from "/static/poll.js";
-import { begin as beginSound, sound } from "/static/sound.js";
+import { begin as beginSound, sound, warn } from "/static/sound.js";
 import { fixed, w } from "/static/words.js";
+
+// Time for which a screen without control reports a scan.
+const IGNORED_MS = 8000;
+let ignoredUntil = 0;
 
 function draw(doc) {
   const { verdict, operator, measured } = doc, card = $("verdict"), isGrasping = doc.activity === "grasping";
@@ -14,7 +18,9 @@ function draw(doc) {
   setText($("badge"), operator.badge);
   setText($("verdict-firm"), joined(operator.measured));
   setText($("verdict-why"), [operator.is_past ? w("item.past") : "", ...((verdict.is_grasp || isGrasping) && doc.item ? [doc.item] : []), joined(operator.detail), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
-  setText($("next-text"), isDriver(doc) ? operator.next : mayDrive() || operator.watch !== w("watch.nobody") ? operator.watch : w("watch.view"));
+  const isIgnored = performance.now() < ignoredUntil && !isDriver(doc);
+  setText($("next-text"), isIgnored ? w(mayDrive() ? "scan.ignored" : "scan.ignored_view") : isDriver(doc) ? operator.next : mayDrive() || operator.watch !== w("watch.nobody") ? operator.watch : w("watch.view"));
+  $("next-step").dataset.refused = isIgnored || (isDriver(doc) && operator.is_refused);
   $("next-step").dataset.watch = !isDriver(doc);
   setText($("opens"), operator.opens);
   // The force is shown if known (a stopped hand still presses), otherwise the state of the hand, which
@@ -37,4 +43,8 @@ function drawStrip({ lot, alarms }) {
 }
 
 beginSound();
+window.addEventListener("palpate-scan-ignored", () => {
+  ignoredUntil = performance.now() + IGNORED_MS;
+  warn();
+});
 follow((doc) => { draw(doc); drawStrip(doc); sound(doc.verdict.kind, doc.alarm_count); }, () => sound("lost"));

@@ -54,6 +54,9 @@ export function begin() {
   });
 }
 
+// Plays the tone of a fault.
+export const warn = () => play("fault");
+
 // Plays a tone on changes only, not for the state at loading.
 export function sound(kind, alarmCount = alarms) {
   show();
