@@ -40,7 +40,10 @@ from palpate_station.sorting.conditions import Within
 from palpate_station.sorting.rules import Rule, RuleBook
 
 RULES = RuleBook(
-    rules=(Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=1),),
+    rules=(
+        Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=1),
+        Rule(bin="large", conditions=(Within("size_mm", 60, 90),), line=2),
+    ),
     default_bin="by hand",
     most_grasps=1,
 )
@@ -259,6 +262,20 @@ def test_lot_does_not_take_items_that_were_grasped_before_it(tmp_path: Path) -> 
         assert app.history.lot.bins == {"small": 1}
         batches = {page.item.item_id: page.item.batch for page in app.item_store.pages(limit=9)}
         assert batches == {"A4": None, "A5": "Field 7"}
+
+    asyncio.run(run())
+
+
+def test_each_bin_has_its_own_colour_in_the_order_of_the_rules(tmp_path: Path) -> None:
+    async def run() -> None:
+        station = Station(tmp_path)
+        found = {}
+        for name, size_mm in (("A1", 80.0), ("A2", 40.0), ("A3", 50.0)):
+            await station.grasp(name, size_mm)
+            page = station.page()
+            found[page["word"]] = (page["color"], page["item"])
+        # The default bin is amber.
+        assert found == {"Large": (1, "A1"), "Small": (0, "A2"), "By hand": (None, "A3")}
 
     asyncio.run(run())
 

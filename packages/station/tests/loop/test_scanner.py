@@ -100,7 +100,7 @@ def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
             page.keyboard.press("F8")
             machine.until(lambda at: at["answered"])
             expect(field).to_have_value("K1" if again else "")
-            expect(page.locator("#verdict-why")).to_contain_text("K1" if name else "answer")
+            expect(page.locator("#verdict-item")).to_have_text(name or "")
             expect(page.locator("#badge")).to_have_text("" if name else "NOT STORED: no name")
             page.keyboard.press("F9")
             machine.ready()

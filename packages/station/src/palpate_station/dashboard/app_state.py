@@ -101,6 +101,7 @@ class AppState:
             on_refused=record_refusal,
             words=Words() if settings.words is None else Words.read(settings.words),
             requires_item=settings.requires_item or (rules is not None and rules.requires_item),
+            bins=() if rules is None else rules.bins,
         )
         self.session.form.find_sorted = self.history.find_sorted
         #: The session's event loop; None before `open`.

@@ -148,7 +148,8 @@ class GraspForm:
             doubt = self.find_doubt(words)
         self._asked, self._is_entered = self.item_id if doubt else "", False
         if not doubt:
-            self._scanned = _name_of(self.item_id)
+            # As it will be stored: a scanned label has a longer text.
+            self.item_id = self._scanned = _name_of(self.item_id)
         return doubt
 
     def take_item(self, order: GraspOrder) -> None:

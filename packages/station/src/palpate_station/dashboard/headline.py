@@ -76,6 +76,8 @@ class Report(StrEnum):
     DAMAGED = "damaged"
 
 
+#: Number of the colours of bins in `dashboard.css`.
+BIN_COLORS = 5
 #: Faults of the devices, which hide every verdict.
 _FAULTS = (Report.SILENT, Report.UNREADABLE)
 #: Reports with the item of an interrupted grasp.
@@ -348,8 +350,8 @@ def _full_texts(session: Session, headline: Headline) -> tuple[str, str]:
 def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     """Return the texts of the operator's page.
 
-    ``word``, ``detail``: the verdict. ``is_bin``: whether its word is a final bin. ``next``: the
-    next step, on the screen that controls. ``is_refused``: whether the entered name is refused, and
+    ``word``, ``detail``: the verdict. ``is_bin``: whether its word is a final bin. ``color``: the
+    number of its colour. ``item``: the end of the item's name. ``next``: the next step, on the screen that controls. ``is_refused``: whether the entered name is refused, and
     the next step is about it. ``watch``: the text in its place on other screens.
     ``badge``: a note that the grasp is not stored. ``opens``: the countdown before the gripper
     opens by itself. ``is_past``: whether the verdict is that of another item than the scanned one.
@@ -367,6 +369,8 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         "detail": _operator_detail(headline, devices, words),
         "measured": ", ".join(measured),
         "is_bin": headline.bin is not None and not headline.bin.again,
+        "color": _bin_color(session, headline),
+        "item": short_name(devices.item_id) if headline.result is not None else "",
         "next": _capitalize(_next_step(session, headline)),
         "is_refused": form.item_id != "" and session.name_fault != "",
         "watch": _watch_text(session, headline),
@@ -381,6 +385,12 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         if target_force_n is None
         else words("target.force", force=f"{target_force_n:g}"),
     }
+
+
+def _bin_color(session: Session, headline: Headline) -> int | None:
+    """Return the number of a bin's colour, from 0; None for amber, red and without a bin."""
+    name = headline.bin.name if headline.bin is not None and headline.kind == "good" else ""
+    return session.bins.index(name) % BIN_COLORS if name in session.bins else None
 
 
 def _operator_word(session: Session, headline: Headline) -> str:

@@ -173,9 +173,14 @@ class ItemStore:
                     given = bin_verdict(placement.done, given_at=datetime.now(UTC))
                     # As on the screens and in the published result.
                     details = {**given.details, "provisional": completed.bin.again}
-                    shown = {"text": completed.bin.name, "explanation": completed.bin.why}
-                    shown["probability"] = completed.bin.probability
-                    store.add_verdict(replace(given, **shown, details=details))
+                    shown = replace(
+                        given,
+                        text=completed.bin.name,
+                        probability=completed.bin.probability,
+                        explanation=completed.bin.why,
+                        details=details,
+                    )
+                    store.add_verdict(shown)
         except (PalpateError, OSError) as error:
             return replace(completed, not_stored=self._report(error))
         self.trouble = ""

@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 from palpate_station.dashboard.words import Words
 
-
 #: Bin and time of each item whose bin a person has given.
 GivenBins = Mapping[str, tuple[str, str]]
 _NO_BINS: GivenBins = MappingProxyType({})

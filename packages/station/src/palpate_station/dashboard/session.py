@@ -7,7 +7,7 @@ driver. Another viewer becomes the driver by taking over.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf
 from threading import RLock
@@ -73,6 +73,8 @@ class Session:
         Texts of the pages; English by default.
     requires_item : bool
         Whether a grasp needs the name of its item.
+    bins : sequence of str, optional
+        The bins of the sorting rules in their order, the default bin last.
     now_s : callable, optional
         The clock of the leases.
     on_event : callable, optional
@@ -102,12 +104,13 @@ class Session:
         on_refused: Callable[[str, str], None] = lambda who, what: None,
         words: Words | None = None,
         requires_item: bool = False,
+        bins: Sequence[str] = (),
     ) -> None:
         self._send, self._silent_s, self._now_s = send, silent_s, now_s
         self._on_event, self._on_refused = on_event, on_refused
         #: Texts of the pages.
         self.words = words or Words()
-        self.requires_item = requires_item
+        self.requires_item, self.bins = requires_item, tuple(bins)
         self.devices = DeviceState(on_measured=on_measured, on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self._driver: str | None = None
@@ -172,8 +175,9 @@ class Session:
 
         A viewer becomes the driver with its first accepted action while nobody drives: a page that
         is only open keeps no line from driving. A page reloaded in the same browser tab retains
-        control, and so does a person (by `name`) who has closed the page that drove. A `leased` viewer drives until `LEASE_S` after its last `renew`, because nothing
-        else reveals that it has gone. A viewer whose `role` may only watch never drives.
+        control, and so does a person (by `name`) who has closed the page that drove. A `leased`
+        viewer drives until `LEASE_S` after its last `renew`, because nothing else reveals that it
+        has gone. A viewer whose `role` may only watch never drives.
 
         >>> session = Session(send=print)
         >>> session.join("a", tab="1"), session.claim("a"), session.join("b", tab="1")

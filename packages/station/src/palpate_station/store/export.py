@@ -17,7 +17,7 @@ import sqlalchemy as sa
 from palpate.errors import require_extra
 from palpate.files import atomic_path, escape_csv_cell
 from palpate.holds.table_files import import_pyarrow
-from palpate_station.records import BIN_COLUMNS, MEASURED, About, Grasp, Item, Source, Verdict
+from palpate_station.records import BIN_COLUMNS, MEASURED, About, Grasp, Item, Verdict
 from palpate_station.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
 
 _BATCH = 10_000

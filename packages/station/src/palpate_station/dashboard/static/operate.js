@@ -13,16 +13,21 @@ function draw(doc) {
   card.dataset.kind = verdict.kind;
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
   card.dataset.bin = operator.is_bin;
+  card.dataset.color = operator.color ?? "";
+  setText($("verdict-item"), operator.item || (isGrasping ? doc.item : ""));
   headline(card, $("verdict-text"), operator.word);
   card.dataset.past = operator.is_past;
   setText($("badge"), operator.badge);
   setText($("verdict-firm"), joined(operator.measured));
-  setText($("verdict-why"), [operator.is_past ? w("item.past") : "", ...((verdict.is_grasp || isGrasping) && doc.item ? [doc.item] : []), joined(operator.detail), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
+  setText($("verdict-why"), [operator.is_past ? w("item.past") : "", joined(operator.detail), ...reasons(doc)].filter(Boolean).join("\u00a0· "));
   const isIgnored = performance.now() < ignoredUntil && !isDriver(doc);
   setText($("next-text"), isIgnored ? w(mayDrive() ? "scan.ignored" : "scan.ignored_view") : isDriver(doc) ? operator.next : mayDrive() || operator.watch !== w("watch.nobody") ? operator.watch : w("watch.view"));
   $("next-step").dataset.refused = isIgnored || (isDriver(doc) && operator.is_refused);
   $("next-step").dataset.watch = !isDriver(doc);
   setText($("opens"), operator.opens);
+  // The end of a long name is its serial number.
+  const field = document.querySelector("input.scanned");
+  if (field && (field !== document.activeElement || field.selectionEnd - field.selectionStart === field.value.length)) field.scrollLeft = field.scrollWidth;
   // The force is shown if known (a stopped hand still presses), otherwise the state of the hand, which
   // is open for a moment when a grasp starts.
   const now = measured.force_now, state = now || (isGrasping && doc.hand?.open) ? "" : handState(doc);
