@@ -75,6 +75,8 @@ def test_scanned_items_are_each_stored_with_their_own_name(browser: Browser, add
         again.focus()
         page.keyboard.press("Enter")
         expect(field).to_have_value(f"A-{SCANS - 1}")
+        page.get_by_label("Clear").click()
+        expect(field).to_have_value("")
 
 
 def test_obedient_operator_grasps_an_item_under_its_name_until_its_bin_is_final(
@@ -158,6 +160,19 @@ def test_scans_of_a_held_and_of_a_sorted_item_are_not_taken_at_once(
         assert machine.ask("GET", "/result")[1]["item_id"] == "K1"
         expect(page.locator("#lot")).to_contain_text("items 1")
         expect(page.locator("#verdict-why")).to_contain_text("stored")
+        # A person corrects the bin.
+        shown = page.locator("#verdict-text").inner_text().lower()
+        right = next(name for name in ("soft", "firm") if name != shown)
+        page.locator("#wrong-bin").click()
+        page.get_by_label("Your name").fill("maria")
+        page.get_by_role("button", name=right).click()
+        expect(page.locator("#verdict-text")).to_have_text(re.compile(right, re.IGNORECASE))
+        expect(page.locator("#lot")).to_contain_text(f"{right} 1")
+        given = machine.ask("GET", "/items/K1")[1]["verdicts"][-1]
+        assert (given["text"], given["source"], given["details"]) == (
+            *(right, "person"),
+            {"by": "maria"},
+        )
         scan("K1")
         expect(page.locator(".refused")).to_be_visible()
         expect(page.locator("#next-text")).to_contain_text("K1 was already sorted")

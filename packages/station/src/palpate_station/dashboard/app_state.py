@@ -59,6 +59,7 @@ from palpate_station.dashboard.transport import run_on
 from palpate_station.dashboard.words import Words
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
+from palpate_station.records import About, Item
 from palpate_station.sorting.placement import Placement
 
 _Answer = TypeVar("_Answer")
@@ -362,6 +363,17 @@ class AppState:
     def _check_idle(self, name: str) -> None:
         if name in self.session.devices.files_in_use:
             raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
+
+    async def give_bin(self, item_id: str, name: str, *, by: str) -> None:
+        """Store the bin that a person gives to an item, and show it.
+
+        Raises `PalpateError` if the store can't be used.
+        """
+        labels = {str(About.BIN): name}
+        change = partial(self.item_store.change, Item(item_id=item_id), labels=labels, by=by)
+        await asyncio.get_running_loop().run_in_executor(None, change)
+        record_event(by, f"gives {item_id} the bin {name}")
+        await self.read_given_bins()
 
     async def watch_given_bins(self) -> None:
         """Take over the bins that people give, on this station or any other, until cancelled."""

@@ -193,7 +193,7 @@ def find_headline(session: Session, *, stale: bool) -> Headline:
         outcome=outcome,
         result=progress.answer,
         target_force_n=session.shown_target_n,
-        # The opening hand keeps the bin: another word, even for a moment, could be mistaken for one.
+        # The opening hand keeps the bin: any other word could be mistaken for one.
         **(_bin_fields(devices) if has_bin else {}),
     )
     return _with_kind(found, "warn" if found.on_target is False else "good")
@@ -351,10 +351,11 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     """Return the texts of the operator's page.
 
     ``word``, ``detail``: the verdict. ``is_bin``: whether its word is a final bin. ``color``: the
-    number of its colour. ``item``: the end of the item's name. ``next``: the next step, on the screen that controls. ``is_refused``: whether the entered name is refused, and
-    the next step is about it. ``watch``: the text in its place on other screens.
-    ``badge``: a note that the grasp is not stored. ``opens``: the countdown before the gripper
-    opens by itself. ``is_past``: whether the verdict is that of another item than the scanned one.
+    number of its colour. ``item``: the end of the item's name. ``next``: the next step, on the
+    screen that controls. ``is_refused``: whether the entered name is refused, which the next step
+    then says. ``watch``: the text in its place on other screens. ``badge``: a note that the grasp
+    is not stored. ``opens``: the countdown before the gripper opens by itself. ``is_past``: whether
+    the verdict is that of another item than the scanned one, or of another lot.
     """
     words, form, devices = session.words, session.form, session.devices
     target_force_n = form.target_force_n

@@ -14,6 +14,7 @@ from palpate_station.dashboard.access import LOGOUT
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.messages import Confirm, Pause, Seek, SetSpeed
 from palpate_station.dashboard.panel_grasp import (
+    add_bin_correction,
     add_grasp_buttons,
     add_item_field,
     add_set_up_panel,
@@ -87,6 +88,7 @@ def build_operator_page(app_state: AppState, client: Client) -> None:
                 label_again=viewer.words("item.returned"),
             )
         viewer.show_with_gripper(item)
+        add_bin_correction(app_state, viewer)
     add_grasp_buttons(app_state, viewer)
     ui.timer(_REFRESH_S, viewer.refresh)
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from nicegui import ui
 
-from palpate.errors import InputError
+from palpate.errors import InputError, PalpateError
 from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import make_recording_path
 from palpate_station.dashboard.grasp_form import GraspForm, short_name
+from palpate_station.dashboard.item_store import error_text
 from palpate_station.dashboard.messages import Action, DeviceActivity, OpenRig, Record, SetSpeed
 from palpate_station.dashboard.viewer import Viewer, finite_number
 
@@ -121,6 +124,51 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
         same_item.set_text(words("item.same", name=short_name(form.last_item_id, letters=8)))
         can_repeat = bool(form.last_item_id) and not form.item_id and not is_grasping
         same_item.set_visibility(can_repeat and viewer.may_act)
+
+    viewer.on_refresh(show)
+
+
+def add_bin_correction(app_state: AppState, viewer: Viewer) -> None:
+    """Add the button and the dialog that give the last item another bin."""
+    words, devices = viewer.words, app_state.session.devices
+
+    async def correct(item_id: str, name: str) -> None:
+        """Store the bin with the name of its giver, and show it."""
+        giver = viewer.user_name or str(by.value or "").strip()
+        if not giver:
+            viewer.refuse(words("correct.unnamed"))
+            return
+        try:
+            await app_state.give_bin(item_id, name, by=giver)
+        except PalpateError as error:
+            viewer.refuse(error_text(error))
+        dialog.close()
+        viewer.refresh()
+
+    def ask() -> None:
+        """Ask for the right bin of the shown item."""
+        item_id, placed = devices.item_id, devices.placed
+        title.set_text(words("correct.title", item=short_name(item_id)))
+        choices.clear()
+        with choices:
+            for name in app_state.session.bins:
+                if placed is None or placed.bin_name != name:
+                    viewer.button(name, partial(correct, item_id, name))
+        dialog.open()
+
+    with ui.dialog() as dialog, ui.element("div").classes("card care form q-pa-md"):
+        title = ui.label().classes("result")
+        by = ui.input(words("correct.by")).props("outlined dense maxlength=80")
+        by.set_visibility(not viewer.user_name)
+        choices = ui.element("div").classes("form")
+        viewer.button(words("button.cancel"), dialog.close)
+    button = viewer.button(words("button.wrong_bin"), ask, props="id=wrong-bin", small=True)
+
+    def show() -> None:
+        """Show the button while the last item has a stored bin."""
+        placed = devices.placed
+        has_bin = placed is not None and placed.stored is True and placed.bin is not None
+        button.set_visibility(has_bin and devices.item_id != "" and viewer.may_act)
 
     viewer.on_refresh(show)
 
