@@ -404,6 +404,9 @@ def test_item_of_an_interrupted_grasp_is_expected_before_another(rehearsal: Rehe
     assert "K1 is not measured" in scan(session.form, "K2")
     assert not scan(session.form, "K1")
     assert rehearsal.page()["operator"]["next"] == "Put the item in again, then press Grasp"
+    # Another client finishes it.
+    session.form.return_item(make_order("K1"), why=None)
+    assert not scan(session.form, "K2")
 
 
 @pytest.mark.parametrize(

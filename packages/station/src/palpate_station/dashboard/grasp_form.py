@@ -158,13 +158,18 @@ class GraspForm:
         self.item_id, self.is_returned, self.is_refused, self.ordered = "", False, False, order
         self._is_taken, self._given_up, self._confirmed, self._scanned = True, None, "", ""
 
-    def return_item(self, order: GraspOrder | None, *, why: Unfinished | None) -> None:
+    def return_item(self, order: GraspOrder, *, why: Unfinished | None) -> None:
         """Return the name for another grasp of the item, or withdraw it.
 
         `why`: reason why the item is not finished; None if it is. A name that was scanned since the
         grasp is retained; if the item is not finished, it is then in doubt.
         """
-        if order is None or order != self.ordered or (why is not None and why is self._given_up):
+        if order != self.ordered:
+            if why is None:
+                # Another client has finished the item.
+                self.end_item(order.item_id)
+            return
+        if why is not None and why is self._given_up:
             return
         self._is_taken = False
         if why is not None:
@@ -181,7 +186,7 @@ class GraspForm:
         self.pending, self.why = item_id, why
 
     def end_item(self, item_id: str) -> None:
-        """End an item that is unfinished, because a person has decided on it."""
+        """End an item if it is unfinished: a person or another client has decided on it."""
         if item_id and item_id == self.pending and self._give_up() and self.is_returned:
             self.item_id, self.is_returned = "", False
 
