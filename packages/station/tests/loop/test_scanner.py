@@ -215,7 +215,8 @@ def test_operator_sees_whose_verdict_it_is_who_controls_and_what_happens_by_itse
         page.keyboard.type("K2")
         expect(page.locator("#verdict")).to_have_attribute("data-past", "true")
         page.keyboard.press("Enter")
-        expect(page.locator(".taken")).to_be_visible()
+        # The item before is not finished.
+        expect(page.locator(".refused")).to_be_visible()
 
 
 def test_operator_sees_a_fault_of_the_store_in_few_words_and_in_the_alarms(
