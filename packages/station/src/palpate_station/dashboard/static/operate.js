@@ -27,7 +27,7 @@ function draw(doc) {
   setText($("opens"), operator.opens);
   // The end of a long name is its serial number.
   const field = document.querySelector("input.scanned");
-  if (field && (field !== document.activeElement || field.selectionEnd - field.selectionStart === field.value.length)) field.scrollLeft = field.scrollWidth;
+  if (field && (field !== document.activeElement || field.selectionEnd === field.value.length)) field.scrollLeft = field.scrollWidth;
   // The force is shown if known (a stopped hand still presses), otherwise the state of the hand, which
   // is open for a moment when a grasp starts.
   const now = measured.force_now, state = now || (isGrasping && doc.hand?.open) ? "" : handState(doc);
