@@ -71,7 +71,7 @@ STOP_TIMEOUT_S = 2.0
 #: timeout of an unreachable shared store, after which the local store is used.
 _STORE_TIMEOUT_S = 8.0
 #: Period of reading the bins that people have given, seconds.
-_GIVEN_PERIOD_S = 2.0
+_GIVEN_PERIOD_S = 5.0
 
 
 class AppState:
