@@ -231,6 +231,12 @@ class Verdict:
     #: A UUID. A verdict that is written twice is stored once.
     verdict_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
+    @property
+    def giver(self) -> str:
+        """Who gave the verdict: palpate, a person's name, or ``a person``."""
+        is_person = self.source is Source.PERSON
+        return str(self.details.get("by", "a person") if is_person else self.source)
+
     def __post_init__(self) -> None:
         check_printable(self.item_id, what="item")
         check_printable(self.text, what="text")

@@ -220,3 +220,19 @@ def test_a_selection_without_items_is_refused_and_writes_no_file(
     for wanted in (("--export", "none.csv"), ()):
         assert near in palpate.refused("items", *selected, *wanted)
     assert not Path("none.csv").exists()
+
+
+def test_items_refuses_a_bin_that_neither_the_store_nor_the_rules_have(
+    palpate: Command, filled: None, folder: Path
+) -> None:
+    # Nothing is known of the bins before the first one.
+    palpate("items", "K2", "--say", "bin=large", "--by", "maria")
+    said = ("items", "A17", "--say", "bin=lareg")
+    assert "no such bin; known are large." in palpate(*said, status=2).err
+    rules = '[[rule]]\nbin = "lareg"\nsize_mm = [0, 60]\n'
+    (folder / "rules.toml").write_text(f'default = "by hand"\n{rules}')
+    palpate(*said, "--rules", "rules.toml")
+    with Store.open() as store:
+        found = {one.text: one.giver for one in store.verdicts(About.BIN)}
+    assert found["large"] == "maria"
+    assert set(found) == {"large", "lareg"}

@@ -137,7 +137,7 @@ def test_report_of_a_batch_names_provisional_bins(report: Callable[..., str]) ->
     page = report("--batch", "Monday")
     # In the table, and not among the counts.
     assert page.count("misshapen, provisional") == page.count("misshapen") == 1
-    assert "1 not finished" in page
+    assert "1 not finished, 1 without a bin" in page
 
 
 def test_report_file_is_named_after_its_item_and_not_overwritten(palpate: Command) -> None:

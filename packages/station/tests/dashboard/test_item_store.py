@@ -318,7 +318,7 @@ def test_item_that_is_measured_again_is_known_with_its_bin_and_batch(tmp_path: P
         placement = item_store.place(Grasped(document=document), item_id="A1", source=SOURCE)
         found.append((placement.batch, placement.sorted_as))
         item_store.add(document, placement=placement, calibration="{}", batch="Monday")
-    assert found == [("", ""), ("Monday", ""), ("Monday", placement.sorted_as)]
+    assert found == [(None, ""), ("Monday", ""), ("Monday", placement.sorted_as)]
     # A provisional bin is none.
     assert placement.sorted_as in RULES.bins
     assert f"already sorted: {placement.sorted_as}" in placement.bin.why

@@ -16,6 +16,7 @@ from palpate.errors import InputError
 from palpate.force.force_law import ForceLaw
 from palpate.grasp.document import GraspDocument
 from palpate.grasp.result import GraspResult, Outcome
+from palpate_station.dashboard.folder import Interruption
 from palpate_station.dashboard.grasp_form import GraspForm, Unfinished
 from palpate_station.dashboard.messages import (
     Action,
@@ -107,6 +108,19 @@ def test_who_acts_while_nobody_drives_becomes_the_driver_unless_refused() -> Non
         assert session.driver is None
     assert not session.claim("watcher")
     assert session.claim("gateway")
+
+
+def test_person_who_reopens_the_page_that_drove_keeps_control() -> None:
+    session = Rehearsal().session
+    session.join("old", tab="1", name="maria")
+    session.claim("old")
+    # A second page of the same person takes nothing from the first.
+    assert not session.join("other", tab="2", name="maria")
+    session.mark_away("old")
+    assert not session.join("peter", tab="3", name="peter")
+    assert session.join("new", tab="4", name="maria")
+    session.leave("old")
+    assert session.driver == "new"
 
 
 def test_roles_limit_the_actions_of_a_driver(rehearsal: Rehearsal) -> None:
@@ -302,28 +316,25 @@ def make_order(item_id: str = "W1") -> GraspOrder:
 
 
 @pytest.mark.parametrize(
-    ("ordered", "scanned", "steps"),
+    ("ordered", "scanned", "names"),
     [
         # The name returns until the bin is final.
-        ("W1", "", ((True, "W1"), (True, "W1"), (False, ""))),
+        ("W1", "", ("W1", "W1", "")),
         # A name scanned since the grasp is retained.
-        ("W1", "W2", ((True, "W2"),)),
-        ("W1", "W2", ((False, "W2"),)),
+        ("W1", "W2", ("W2", "W2", "W2")),
         # Nothing returns from the grasp of another client.
-        ("X9", "", ((True, ""),)),
+        ("X9", "", ("", "", "")),
     ],
 )
 def test_name_of_an_item_returns_after_a_grasp_until_its_bin_is_final(
-    ordered: str, scanned: str, steps: tuple[tuple[bool, str], ...]
+    ordered: str, scanned: str, names: tuple[str, ...]
 ) -> None:
     form = GraspForm(item_id="W1")
     form.take_item(make_order())
     assert form.item_id == ""
-    if scanned:
-        form.return_item(make_order(), again=True)
-        form.set_item(scanned)
-    for again, name in steps:
-        form.return_item(make_order(ordered), again=again)
+    form.set_item(scanned)
+    for why, name in zip((*[Unfinished.PROVISIONAL] * 2, None), names, strict=True):
+        form.return_item(make_order(ordered), why=why)
         assert form.item_id == name
 
 
@@ -339,34 +350,85 @@ def scan(form: GraspForm, text: str) -> str:
 
 @pytest.mark.parametrize("why", list(Unfinished))
 @pytest.mark.parametrize("ahead", [False, True])
-def test_unfinished_item_stays_the_next_one_until_another_name_is_scanned_twice(
-    why: Unfinished, *, ahead: bool
+def test_no_grasp_takes_another_name_than_an_unfinished_item_s_before_its_second_scan(
+    rehearsal: Rehearsal, why: Unfinished, *, ahead: bool
 ) -> None:
-    form = GraspForm(item_id="W1")
+    session = rehearsal.session
+    form = session.form = GraspForm(item_id="W1")
     form.take_item(make_order("W1"))
     if ahead:
         # Before the answer nothing forbids the next name.
         assert not scan(form, "W2")
+    form.return_item(make_order("W1"), why=why)
+    assert (form.item_id, form.is_returned) == (("W2", False) if ahead else ("W1", True))
     for _ in range(2):
-        form.return_item(make_order("W1"), again=False, why=why)
-        assert (form.item_id, form.is_returned) == ("W1", True)
-        assert "W1 is not" in scan(form, "W2")
-        assert form.item_id == "W1"
-        # A doubled Enter is no second scan.
-        assert not form.end_scan(WORDS)
+        refused = scan(form, "W2")
+        assert "W1 is not" in refused
+        # The name stays in the field, and a doubled Enter is no second scan.
+        assert (form.item_id, form.end_scan(WORDS)) == ("W2", refused)
+        page = rehearsal.page()
+        assert (session.name_fault, page["operator"]["next"]) == (refused, refused)
+        # The scan of the unfinished item ends the doubt.
         assert not scan(form, "W1")
+        assert session.name_fault == ""
+        form.return_item(make_order("W1"), why=why)
     assert "W1 is not" in scan(form, "W2")
     assert not scan(form, "W2")
-    assert form.item_id == "W2"
+    assert (form.item_id, session.name_fault) == ("W2", "")
     # The release repeats what the user has overruled.
-    form.return_item(make_order("W1"), again=True, why=why)
-    assert form.item_id == "W2"
+    form.return_item(make_order("W1"), why=why)
+    assert (form.item_id, session.name_fault) == ("W2", "")
+
+
+def test_second_scan_before_the_grasp_asks_which_item_is_in_the_gripper(
+    rehearsal: Rehearsal,
+) -> None:
+    session, form = rehearsal.session, rehearsal.session.form
+    for name in ("B1", "B2"):
+        assert not scan(form, "B1")
+        asked = scan(form, "B2")
+        assert "B1 was scanned before B2" in asked
+        assert session.name_fault == asked
+        assert not scan(form, name)
+        assert session.name_fault == ""
+        form.set_item("")
+
+
+def test_item_of_an_interrupted_grasp_is_expected_before_another(rehearsal: Rehearsal) -> None:
+    session = rehearsal.session
+    session.devices.interrupted = Interruption(
+        item_id="K1", recording="k.mcap", began_at="2026-05-01T10:00:00+00:00"
+    )
+    session.form.await_item("K1", why=Unfinished.NOT_MEASURED)
+    assert rehearsal.page()["operator"]["next"] == "Scan K1 again, put it in, then press Grasp"
+    assert "K1 is not measured" in scan(session.form, "K2")
+    assert not scan(session.form, "K1")
+    assert rehearsal.page()["operator"]["next"] == "Put the item in again, then press Grasp"
+    # Another client finishes it.
+    session.form.return_item(make_order("K1"), why=None)
+    assert not scan(session.form, "K2")
+
+
+@pytest.mark.parametrize(
+    ("scanned", "step"),
+    [
+        ("4012345000016", "This is the product's barcode"),
+        ("(01)04012345000016(10)L7", "This is the product's barcode"),
+        ("https://example.com/q?id=7", "This is the address of a web page"),
+        ("4012345000017", "Scan the label again"),
+    ],
+)
+def test_label_that_names_no_item_is_refused_with_what_to_do_instead(
+    rehearsal: Rehearsal, scanned: str, step: str
+) -> None:
+    scan(rehearsal.session.form, scanned)
+    assert rehearsal.page()["operator"]["next"].startswith(step)
 
 
 def test_clear_ends_an_unfinished_item() -> None:
     form = GraspForm(item_id="W1")
     form.take_item(make_order("W1"))
-    form.return_item(make_order("W1"), again=True, why=Unfinished.PROVISIONAL)
+    form.return_item(make_order("W1"), why=Unfinished.PROVISIONAL)
     form.set_item("")
     assert not scan(form, "W2")
 

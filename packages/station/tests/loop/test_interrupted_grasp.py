@@ -46,7 +46,7 @@ def test_page_names_the_item_of_a_grasp_that_a_killed_server_has_cut_off(
         with visit(browser, f"{address}operate") as page:
             expect_interrupted(page, "Interrupted")
             drive(page)
-            expect(page.locator("#next-text")).to_contain_text("Scan the item again")
+            expect(page.locator("#next-text")).to_contain_text("Scan A17 again")
             expect(page.locator("#alarms-title")).to_have_text("Alarms: 1")
             press_grasp(page)
             expect(page.locator("#badge")).not_to_contain_text("interrupted")

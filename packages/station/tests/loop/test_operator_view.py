@@ -107,6 +107,7 @@ FIT_TEXTS = """async ([words, nexts, whys, firm, badge]) => {
         '#next-text', '.force', '.item', '#grasp', '#stop']
         .map((one) => document.querySelector(one));
     document.getElementById('verdict').dataset.bin = firm !== '';
+    const item = document.getElementById('verdict-item');
     const note = document.getElementById('badge'), opens = document.getElementById('opens');
     const out = (part) => {
         const box = part.getBoundingClientRect();
@@ -123,6 +124,7 @@ FIT_TEXTS = """async ([words, nexts, whys, firm, badge]) => {
         why.textContent = whys[i % whys.length];
         size.textContent = firm;
         note.textContent = badge;
+        item.textContent = badge && '…00016(21)A17';
         opens.textContent = badge && 'opens automatically in 58 s';
         const letters = Math.max(...word.textContent.split(' ').map((one) => one.length));
         document.getElementById('verdict').style.setProperty('--letters', letters);
@@ -168,20 +170,21 @@ def test_operator_page_fits_every_possible_text_at_every_size(
     capital = [word[:1].upper() + word[1:] for word in words]
     name = "(01)04012345000016(21)A17"
     nexts = [text for key, text in texts.items() if key.startswith("next.")]
-    doubts = ("item.unfinished", "item.not_stored", "item.sorted")
+    doubts = ("item.unfinished", "item.not_stored", "item.sorted", "item.scanned")
+    doubts += ("item.not_measured", "next.interrupted")
     short = {"item": short_name(name), "other": short_name(name), "bin": "large", "at": "13:30"}
     nexts += [texts[key].format(**short) for key in doubts]
     nexts += [texts["watch"].format(name="operator's page at 192.168.100.200")]
     details = [text for key, text in texts.items() if key.startswith("detail.")]
     details.append(texts["interrupted"].format(item=name, at="14:05"))
-    held = [f"{name} · within the target of 12.5 N · answer 12.7 s after contact"]
+    held = ["within the target of 12.5 N · answer 12.7 s after contact"]
     measured = "firmness 100 of 100, 137 mm"
     bins = ["by hand", "large", "look at it by hand", "supermarket-class-2", "Rückläufer Tor 12"]
     evidence = "kiwi 55 % or lime 40 %, 137.2 mm (136.1 to 138.4), firmness 48 (18 to 79)"
-    reason = f"{name} · below the target of 12.5 N · answer 12.7 s after contact"
+    reason = "below the target of 12.5 N · answer 12.7 s after contact"
     unnamed, lost = (texts["badge.unnamed"], "NOT STORED: " + texts["fault.away"])
     cards = (
-        [capital, nexts, [f"{name} · {one}" for one in details], "", ""],
+        [capital, nexts, details, "", ""],
         [list(list_firmness_texts()), nexts, held, measured, unnamed],
         [bins, nexts, [reason], evidence, lost],
     )

@@ -32,7 +32,7 @@ def test_user_who_may_only_watch_is_never_asked_to_press(browser: Browser, tmp_p
             expect(step).to_have_text("This screen only watches")
             assert page.evaluate(FONT_PX) >= NEXT_PX
             expect(page.locator("#take-over")).to_be_hidden()
-            expect(page.locator("#who")).to_have_text("you only watch")
+            expect(page.locator("#who")).to_have_text("screen · you only watch")
             expect(page.locator("#guard")).to_contain_text("Ready · force limit 15 N, checked 15")
             expect(page.locator("#grasp")).to_be_disabled()
             assert maria.ask("POST", "/grasp", {})[0] == 202
@@ -43,6 +43,11 @@ def test_user_who_may_only_watch_is_never_asked_to_press(browser: Browser, tmp_p
             expect(page.locator("#opens")).not_to_be_empty()
             assert "press" not in page.locator("#next-step").inner_text().lower()
             maria.ask("POST", "/release")
+            # At the change of a shift, the next person logs in.
+            page.locator("#logout").click()
+            page.locator("input[name=token]").fill("marias-token")
+            page.keyboard.press("Enter")
+            expect(page.locator("#who")).to_contain_text("maria · ")
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import getpass
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date, datetime, timedelta
 from difflib import get_close_matches
@@ -31,6 +31,7 @@ from palpate.measurement import Measurement
 from palpate.terminal_table import make_console, make_table, print_table
 from palpate_station.cli.options import BatchOption, DayOption, complete_items
 from palpate_station.records import About, Item, Source, Verdict
+from palpate_station.sorting.rules_file import read_rules
 from palpate_station.store import Store
 from palpate_station.store.backup import back_up, restore_backup
 from palpate_station.store.item_history import (
@@ -70,6 +71,12 @@ def items(
             "Label ITEM's present ripeness, bruise, identity or bin, as training data.",
         ),
     ] = None,
+    by: Annotated[
+        str | None, opt("--by NAME", "Who says so. [default: the user of this machine]")
+    ] = None,
+    rules: Annotated[
+        Path | None, opt("--rules FILE", "Rules whose bins --say accepts besides known ones.")
+    ] = None,
     export: Annotated[
         Path | None,
         opt(
@@ -101,7 +108,9 @@ def items(
         if item is None:
             _check_selected(opened, kind=kind, batch=batch)
         if item is not None and (changes or labels):
-            _label(opened, item, changes=changes or [], labels=labels or [])
+            bins = () if rules is None else read_rules(rules).bins
+            giver = by or getpass.getuser()
+            _label(opened, item, changes=changes or [], labels=labels or [], bins=bins, by=giver)
         if export is not None:
             _export(opened, export, item=item, kind=kind, batch=batch, period=period)
         elif item is not None:
@@ -197,15 +206,36 @@ def _select_items(
     return store.find_items(list(names)[:limit])
 
 
-def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str]) -> None:
+def _label(
+    store: Store,
+    item_id: str,
+    *,
+    changes: list[str],
+    labels: list[str],
+    bins: Collection[str],
+    by: str,
+) -> None:
     settings = dict(_split_setting(text, option="--set", known=_SETTABLE) for text in changes)
     labelled = [
         _split_setting(text, option="--say", known=tuple(map(str, About))) for text in labels
     ]
+    for about, text in labelled:
+        if about == About.BIN:
+            _check_bin(store, text, bins=bins)
     kind, batch, label = map(settings.get, _SETTABLE)
     store.add_item(Item(item_id=item_id, kind=kind, batch=batch, label=label))
     for about, text in labelled:
-        add_label(store, item_id, about=About(about), text=text, by=getpass.getuser())
+        add_label(store, item_id, about=About(about), text=text, by=by)
+
+
+def _check_bin(store: Store, name: str, *, bins: Collection[str]) -> None:
+    """Refuse a bin that neither the rules nor the store have; both may have none."""
+    known = sorted({*bins, *(one.text for one in store.verdicts(About.BIN))})
+    if known and name not in known:
+        raise InputError(
+            f"--say bin={name}: no such bin; known are {', '.join(known)}. "
+            "--rules FILE adds the bins of a rules file"
+        )
 
 
 def _split_setting(text: str, *, option: str, known: tuple[str, ...]) -> tuple[str, str]:

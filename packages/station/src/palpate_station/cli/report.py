@@ -240,8 +240,11 @@ def _group_tiles(
     held = sum(grasp.outcome is Outcome.HELD for grasp in grasps)
     below = f"{format_percent(held / len(grasps))} held" if grasps else ""
     bins = [page.latest_verdict(About.BIN) for page in pages]
-    unfinished = sum(one is not None and is_provisional(one) for one in bins)
-    note = f"{unfinished} not finished" if unfinished else ""
+    counts = {
+        "not finished": sum(one is not None and is_provisional(one) for one in bins),
+        "without a bin": sum(one is None for one in bins) if any(bins) else 0,
+    }
+    note = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
     tiles = {"Items": (f"{len(pages)}", "", note), "Grasps": (f"{len(grasps)}", "", below)}
     for name, caption, unit, digits in (*_QUANTITIES[:2], _QUANTITIES[3]):
         values = [measured.middle for page in pages if (measured := page.latest_value(name))]

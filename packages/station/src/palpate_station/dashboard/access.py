@@ -22,6 +22,8 @@ from palpate_station.dashboard.panel_html import panel_html
 from palpate_station.dashboard.users import User
 
 COOKIE = "palpate-token"
+#: Path that ends the login of a browser, such as at the change of a shift.
+LOGOUT = "/logout"
 MIN_TOKEN_LENGTH = 8
 #: After this many wrong tokens from a client address within the window (seconds), the answer to
 #: further wrong ones is 429.
@@ -137,6 +139,9 @@ class AccessControl:
                     user.name, f"{scope.get('method')} {scope['path'][:80]!r}, role view"
                 )
                 answer = _error_response(403, f"{user.name} may only watch and stop")
+            if user is not None and scope["path"] == LOGOUT:
+                answer = RedirectResponse("/operate", status_code=303)
+                answer.delete_cookie(COOKIE)
         if answer is None:
             await self.app(scope, receive, send)
         elif scope["type"] == "websocket":

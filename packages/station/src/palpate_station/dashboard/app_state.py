@@ -12,9 +12,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from palpate.errors import InputError
+from palpate.errors import InputError, PalpateError
 from palpate.grasp.damage_limit import choose_limit
-from palpate.grasp.document import GraspDocument
+from palpate.grasp.document import Bin, GraspDocument
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.rig.file import find_calibration_file
 from palpate_station.dashboard.audit import LOG, record_event, record_refusal
@@ -27,6 +27,7 @@ from palpate_station.dashboard.folder import (
     delete_recording,
     make_entry,
     make_recording_path,
+    make_stopped_entry,
     rename_recording,
 )
 from palpate_station.dashboard.grasp_form import Unfinished, check_batch, check_item
@@ -58,6 +59,7 @@ from palpate_station.dashboard.transport import run_on
 from palpate_station.dashboard.words import Words
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
+from palpate_station.records import About, Item
 from palpate_station.sorting.placement import Placement
 
 _Answer = TypeVar("_Answer")
@@ -68,6 +70,8 @@ STOP_TIMEOUT_S = 2.0
 #: Maximum time that a result waits for the store and its bin, seconds. It is longer than the 5 s
 #: timeout of an unreachable shared store, after which the local store is used.
 _STORE_TIMEOUT_S = 8.0
+#: Period of reading the bins that people have given, seconds.
+_GIVEN_PERIOD_S = 5.0
 
 
 class AppState:
@@ -98,6 +102,7 @@ class AppState:
             on_refused=record_refusal,
             words=Words() if settings.words is None else Words.read(settings.words),
             requires_item=settings.requires_item or (rules is not None and rules.requires_item),
+            bins=() if rules is None else rules.bins,
         )
         self.session.form.find_sorted = self.history.find_sorted
         #: The session's event loop; None before `open`.
@@ -155,14 +160,20 @@ class AppState:
         devices, words = self.session.devices, self.session.words
         devices.interrupted = found
         devices.add_alarm(interruption_text(found, words))
+        self.session.form.await_item(found.item_id, why=Unfinished.NOT_MEASURED)
         item = found.item_id or "no item"
         what = f"grasp of {item} interrupted, not stored (recording {found.recording})"
         record_event("palpate serve", what, level=logging.WARNING)
 
-    def _cancel_grasp(self) -> None:
-        """Note that a grasp ended without a result."""
+    def _cancel_grasp(self, stopped: GraspOrder | None = None) -> None:
+        """Note that a grasp ended without a result; `stopped`: its order, if a stop ended it."""
+        source = self.session.devices.live.source
         try:
-            self.history.cancel_grasp()
+            if stopped is None or source is None:
+                self.history.cancel_grasp()
+            else:
+                is_simulated = source.origin != "hardware"
+                self.history.add(make_stopped_entry(stopped, is_simulated=is_simulated))
         except OSError as error:
             self._report_history("grasp", error)
 
@@ -353,8 +364,43 @@ class AppState:
         if name in self.session.devices.files_in_use:
             raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
 
+    async def give_bin(self, item_id: str, name: str, *, by: str) -> None:
+        """Store the bin that a person gives to an item, and show it.
+
+        Raises `PalpateError` if the store can't be used.
+        """
+        labels = {str(About.BIN): name}
+        change = partial(self.item_store.change, Item(item_id=item_id), labels=labels, by=by)
+        await asyncio.get_running_loop().run_in_executor(None, change)
+        record_event(by, f"gives {item_id} the bin {name}")
+        await self.read_given_bins()
+
+    async def watch_given_bins(self) -> None:
+        """Take over the bins that people give, on this station or any other, until cancelled."""
+        while True:
+            await self.read_given_bins()
+            await asyncio.sleep(_GIVEN_PERIOD_S)
+
+    async def read_given_bins(self) -> None:
+        """Show and count the bins that people have given instead of those of the grasps."""
+        read = self.item_store.given_bins
+        try:
+            given = await asyncio.get_running_loop().run_in_executor(None, read)
+        except PalpateError:
+            return
+        self.history.set_given_bins(given)
+        devices, placed = self.session.devices, self.session.devices.placed
+        name, _ = given.get(devices.item_id, ("", ""))
+        if name and placed is not None and placed.bin is not None and placed.bin.name != name:
+            self.session.form.end_item(devices.item_id)
+            words, measured = self.session.words, placed.bin.name
+            devices.why_default = words("why.corrected", measured=measured)
+            bin_ = Bin(name=name, rule=None, probability=None, again=False, why=placed.bin.why)
+            devices.placed = replace(placed, bin=bin_)
+
     def start_lot(self, name: str) -> None:
         """Count the items of another batch from now on."""
+        self.session.devices.is_past = True
         try:
             self.history.start_lot(name)
         except OSError as error:
@@ -406,9 +452,8 @@ class AppState:
             devices.placed = placement.complete(grasped.document)
             devices.evidence, devices.is_answered = placement.evidence, True
             devices.why_default = why_default(placement, self.session.words)
-            again = devices.placed.needs_regrasp
-            why = Unfinished.PROVISIONAL if again else None
-            self.session.form.return_item(order, again=again, why=why)
+            why = Unfinished.PROVISIONAL if devices.placed.needs_regrasp else None
+            self.session.form.return_item(order, why=why)
         return placement
 
     def _finish_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
@@ -462,7 +507,8 @@ class AppState:
             async with asyncio.timeout(_STORE_TIMEOUT_S):
                 placement = await placing
                 # Only an order that names a batch moves an item there from another one.
-                batch = order.batch or placement.batch or batch
+                if placement.batch is not None:
+                    batch = order.batch or placement.batch
                 add = partial(
                     self.item_store.add,
                     document,
@@ -489,10 +535,12 @@ class AppState:
         """Add a grasp to the history, and publish its document."""
         devices, chosen, item = self.session.devices, document.bin, document.item
         again = document.needs_regrasp
-        is_repeated = again or document.result.outcome in REPEATED_OUTCOMES
-        is_lost = document.item_id != "" and document.not_stored != ""
-        why = Unfinished.NOT_STORED if is_lost else Unfinished.PROVISIONAL if again else None
-        self.session.form.return_item(order, again=is_repeated, why=why)
+        why = Unfinished.PROVISIONAL if again else None
+        if document.result.outcome in REPEATED_OUTCOMES:
+            why = Unfinished.NOT_MEASURED
+        if document.item_id and document.not_stored:
+            why = Unfinished.NOT_STORED
+        self.session.form.return_item(order, why=why)
         devices.not_stored = document.not_stored
         entry = replace(
             entry,
@@ -556,10 +604,9 @@ class AppState:
             self._report_interrupted(self.history.running)
         for note in update.notes if isinstance(update, Update) else ():
             match note:
-                case OrderEnded(order=GraspOrder() as order, found=None):
-                    self._cancel_grasp()
-                    # The hand has not measured the item, which is to be grasped again.
-                    self.session.form.return_item(order, again=True)
+                case OrderEnded(order=GraspOrder() as order, found=None, stopped=stopped):
+                    self._cancel_grasp(order if stopped else None)
+                    self.session.form.return_item(order, why=Unfinished.NOT_MEASURED)
 
 
 def age_text(made_at: str) -> str:

@@ -92,6 +92,8 @@ class DeviceState:
         self.is_answered = False
         #: Whether the last grasp ended because the hold time was over.
         self.is_released_alone = False
+        #: Whether the shown grasp belongs to a lot that has ended.
+        self.is_past = False
         #: Item of the shown grasp; empty without a name.
         self.item_id = ""
         #: Reason why the shown grasp is not stored; empty if it is, or without a grasp.
@@ -201,7 +203,8 @@ class DeviceState:
             self.interrupted = None
         if isinstance(order, OpenRig | GraspOrder | Play):
             self.grasped, self.placed, self.is_answered = None, None, False
-            self.evidence, self.why_default, self.is_released_alone = "", "", False
+            self.evidence, self.why_default = "", ""
+            self.is_released_alone = self.is_past = False
             self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
             is_unnamed = isinstance(order, GraspOrder) and not order.item_id
             self.not_stored = NO_ITEM if is_unnamed else ""

@@ -30,8 +30,8 @@ from palpate.grasp.verdict import verdict
 from palpate.measurement import Measurement
 from palpate.recording import RecordingReader
 from palpate_station.dashboard.live import Point
-from palpate_station.dashboard.lot import Lot
-from palpate_station.dashboard.messages import Grasped
+from palpate_station.dashboard.lot import GivenBins, Lot
+from palpate_station.dashboard.messages import Grasped, GraspOrder
 from palpate_station.records import BIN_COLUMNS, Source
 
 #: Number of grasps that the page lists.
@@ -126,6 +126,8 @@ class History:
         self._file, self._default_bin = folder / _FILE, default_bin
         #: The items of the current batch; None before the first lot of this folder.
         self._lot: Lot | None = None
+        #: Bins that people have given, which replace those of the grasps.
+        self._given = dict[str, tuple[str, str]]()
         #: Current name of each renamed recording, by the name in its grasp's line.
         self._current_names = dict[str, str]()
         self._of_recording = dict[str, GraspSummary]()
@@ -140,7 +142,7 @@ class History:
             if "renamed" in values:
                 self._apply_rename(str(values["recording"]), str(values["renamed"]))
             elif "lot" in values:
-                self._lot = Lot(str(values["lot"]), default_bin=default_bin)
+                self._lot = self._make_lot(str(values["lot"]))
             elif "began_at" in values:
                 self.running = Interruption(
                     item_id=str(values.get("item_id", "")),
@@ -168,7 +170,7 @@ class History:
 
     def find_sorted(self, item_id: str) -> tuple[str, str] | None:
         """Return final bin and local time of a stored item; None if it has no final bin."""
-        found = self._sorted_items.get(item_id)
+        found = self._given.get(item_id) or self._sorted_items.get(item_id)
         if found is None:
             return None
         ended = datetime.fromisoformat(found[1]).astimezone()
@@ -203,8 +205,16 @@ class History:
         OSError
             If the file can't be written; the lot then ends with this run.
         """
-        self._lot = Lot(name, default_bin=self._default_bin)
+        self._lot = self._make_lot(name)
         self._append({"lot": name})
+
+    def _make_lot(self, name: str) -> Lot:
+        return Lot(name, default_bin=self._default_bin, given=self._given)
+
+    def set_given_bins(self, given: GivenBins) -> None:
+        """Replace the bins that people have given, as the store has them."""
+        self._given.clear()
+        self._given.update(given)
 
     def begin_grasp(self, recording: str, *, item_id: str) -> None:
         """Note that a grasp begins, so that its interruption is known after a restart.
@@ -300,10 +310,10 @@ class History:
         if self._lot is not None:
             # A named lot has the items that the store has in this batch, as its report.
             is_other = entry.item_id != "" and self._lot.name not in ("", entry.batch)
-            if entry.again or (is_other and entry.batch is not None):
+            if is_other and entry.batch is not None:
                 self._lot.discard(item)
             else:
-                self._lot.add(item, bin_name=entry.bin or "")
+                self._lot.add(item, bin_name=None if entry.again else entry.bin or "")
 
     def _apply_rename(self, before: str, after: str) -> None:
         """Replace the name of a recording."""
@@ -394,6 +404,21 @@ def make_entry(
         kind=kind,
         measured=measured,
         curve=_thin_out(curve),
+    )
+
+
+def make_stopped_entry(order: GraspOrder, *, is_simulated: bool) -> Entry:
+    """Return the history entry of a grasp that was stopped before the hand moved."""
+    return Entry(
+        ended_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
+        recording=order.recording.name,
+        simulated=is_simulated,
+        item_id=order.item_id,
+        outcome=str(Outcome.STOPPED),
+        verdict="stopped before the hand moved",
+        firmness=None,
+        kind="bad",
+        measured={},
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -9,7 +10,7 @@ from enum import StrEnum
 from palpate.errors import InputError
 from palpate_station.dashboard.messages import GraspOrder
 from palpate_station.dashboard.words import Words
-from palpate_station.line.gs1 import read_label
+from palpate_station.line.gs1 import LabelError, read_label
 from palpate_station.records import Item, check_printable
 
 #: Letters of a long name that a small screen shows: its end is the serial number.
@@ -30,7 +31,14 @@ def check_item(text: str) -> str:
 
     Raises `InputError` if the label is damaged, or the text can't be a name.
     """
-    return Item(item_id=read_label(text.rstrip(" "))).item_id
+    item_id = Item(item_id=read_label(text.rstrip(" "))).item_id
+    if re.match(r"(?i)https?://", item_id):
+        raise LabelError(
+            f"{item_id[:60]!r}: the address of a web page is no name of an item; "
+            "use the item's label",
+            step="next.label_address",
+        )
+    return item_id
 
 
 def check_batch(text: str) -> str:
@@ -48,6 +56,7 @@ class Unfinished(StrEnum):
 
     PROVISIONAL = "item.unfinished"
     NOT_STORED = "item.not_stored"
+    NOT_MEASURED = "item.not_measured"
 
 
 @dataclass(slots=True)
@@ -77,6 +86,8 @@ class GraspForm:
     find_sorted: Callable[[str], tuple[str, str] | None] = lambda name: None
     #: Name of a sorted item that the user wants to measure again.
     _confirmed: str = ""
+    #: Name that was taken at the end of a scan, and not grasped yet.
+    _scanned: str = ""
     #: Name that was last refused at the end of a scan, and whether a name was entered since then.
     _asked: str = ""
     _is_entered: bool = False
@@ -86,36 +97,40 @@ class GraspForm:
     _given_up: Unfinished | None = None
 
     @property
-    def label_fault(self) -> str:
-        """Why the name can't be the name of an item; empty if it can, or without a name."""
+    def label_fault(self) -> InputError | None:
+        """Why the name can't be the name of an item; None if it can, or without a name."""
         try:
             if self.item_id:
                 check_item(self.item_id)
         except InputError as error:
-            return str(error)
-        return ""
+            return error
+        return None
 
     def set_item(self, text: str) -> None:
         """Set the name that a user has typed or scanned."""
         if text != self.item_id:
-            is_same = self.why is not None and not self._is_taken and _name_of(text) == self.pending
-            self.item_id, self.is_returned, self.is_refused = text, is_same, False
+            is_same = not self._is_taken and _name_of(text) == self.pending
+            self.item_id, self.is_returned, self.is_refused = text, is_same and text != "", False
             self._is_entered = True
         if not text:
             self._give_up()
+            self._scanned = ""
 
     def repeat_item(self) -> None:
         """Set the name of the last grasped item, which may be sorted already."""
         self.set_item(self.last_item_id)
-        self._confirmed = _name_of(self.item_id)
+        self._confirmed = self._scanned = _name_of(self.item_id)
 
     def find_doubt(self, words: Words) -> str:
         """Return why the name is not taken before it is scanned a second time; else empty."""
         name = _name_of(self.item_id)
         if not name or self.is_returned:
             return ""
-        if self.why is not None and not self._is_taken and name != self.pending:
-            return words(self.why, item=short_name(self.pending), other=short_name(name))
+        first, why = self._scanned, "item.scanned"
+        if self.why is not None and self.pending:
+            first, why = self.pending, self.why
+        if first and name != first and not self._is_taken:
+            return words(why, item=short_name(first), other=short_name(name))
         found = None if name == self._confirmed else self.find_sorted(name)
         if found is None:
             return ""
@@ -124,50 +139,63 @@ class GraspForm:
     def end_scan(self, words: Words) -> str:
         """Take the entered name; return why it is not taken, or empty.
 
-        A second scan of the same name overrules the doubt. An unfinished item stays the next one.
+        A second scan of the same name overrules the doubt. Until then no grasp may take the name.
         """
         doubt, is_second = self.find_doubt(words), self.item_id == self._asked and self._is_entered
         if doubt and is_second:
-            if self.why is not None and not self._is_taken:
-                self._give_up()
-            else:
+            if not self._give_up():
                 self._confirmed = _name_of(self.item_id)
             doubt = self.find_doubt(words)
         self._asked, self._is_entered = self.item_id if doubt else "", False
-        if doubt and self.why is not None and not self._is_taken:
-            self.item_id, self.is_returned = self.last_item_id, True
+        if not doubt:
+            # As it will be stored: a scanned label has a longer text.
+            self.item_id = self._scanned = _name_of(self.item_id)
         return doubt
 
     def take_item(self, order: GraspOrder) -> None:
         """Take the name for an ordered grasp."""
         self.last_item_id = self.item_id or self.last_item_id
         self.item_id, self.is_returned, self.is_refused, self.ordered = "", False, False, order
-        self._is_taken, self._given_up, self._confirmed = True, None, ""
+        self._is_taken, self._given_up, self._confirmed, self._scanned = True, None, "", ""
 
-    def return_item(
-        self, order: GraspOrder | None, *, again: bool, why: Unfinished | None = None
-    ) -> None:
+    def return_item(self, order: GraspOrder, *, why: Unfinished | None) -> None:
         """Return the name for another grasp of the item, or withdraw it.
 
-        `why`: reason why the item is not finished, if so: its name then replaces one that was
-        scanned since the grasp. Otherwise such a name is retained.
+        `why`: reason why the item is not finished; None if it is. A name that was scanned since the
+        grasp is retained; if the item is not finished, it is then in doubt.
         """
-        if order is None or order != self.ordered or (why is not None and why is self._given_up):
+        if order != self.ordered:
+            if why is None:
+                # Another client has finished the item.
+                self.end_item(order.item_id)
             return
-        is_first, self._is_taken = self._is_taken or why not in (None, self.why), False
+        if why is not None and why is self._given_up:
+            return
+        self._is_taken = False
         if why is not None:
-            self.pending, self.why = order.item_id, why
-        if not (again or why is not None):
-            self.pending, self.why = "", None
-            if self.is_returned:
-                self.item_id, self.is_returned = "", False
-        elif not self.item_id or (self.why is not None and is_first):
-            self.item_id, self.is_returned = self.last_item_id if order.item_id else "", True
+            self.await_item(order.item_id, why=why)
+            if _name_of(self.item_id) in ("", order.item_id):
+                self.item_id, self.is_returned = self.item_id or order.item_id, True
+            return
+        self.pending, self.why = "", None
+        if self.is_returned:
+            self.item_id, self.is_returned = "", False
 
-    def _give_up(self) -> None:
-        """End an unfinished item as it is."""
-        if not self._is_taken:
-            self._given_up, self.pending, self.why = self.why, "", None
+    def await_item(self, item_id: str, *, why: Unfinished) -> None:
+        """Expect the grasp of an item before any other; empty for an item without a name."""
+        self.pending, self.why = item_id, why
+
+    def end_item(self, item_id: str) -> None:
+        """End an item if it is unfinished: a person or another client has decided on it."""
+        if item_id and item_id == self.pending and self._give_up() and self.is_returned:
+            self.item_id, self.is_returned = "", False
+
+    def _give_up(self) -> bool:
+        """End the item that comes first as it is; return whether there was one."""
+        if self._is_taken or not (self.pending or self._scanned):
+            return False
+        self._given_up, self.pending, self.why, self._scanned = self.why, "", None, ""
+        return True
 
 
 def _name_of(text: str) -> str:

@@ -76,6 +76,8 @@ class Report(StrEnum):
     DAMAGED = "damaged"
 
 
+#: Number of the colours of bins in `dashboard.css`.
+BIN_COLORS = 5
 #: Faults of the devices, which hide every verdict.
 _FAULTS = (Report.SILENT, Report.UNREADABLE)
 #: Reports with the item of an interrupted grasp.
@@ -180,9 +182,10 @@ def find_headline(session: Session, *, stale: bool) -> Headline:
     outcome = progress.answer.outcome if is_over else None
     report = Report.OUTCOME if is_over else Report.PHASE
     # The bin is chosen a moment after the answer: until then nothing may look like one.
-    is_open = activity is DeviceActivity.GRASPING and not devices.is_answered and not is_over
+    is_open = activity is DeviceActivity.GRASPING and not devices.is_answered
     if not progress.decided or is_open:
         return Headline(report=report, kind="busy", phase=progress.phase, outcome=outcome)
+    has_bin = progress.phase == Phase.HOLD.value or progress.answer.outcome is Outcome.HELD
     found = Headline(
         report=report,
         kind="good",
@@ -190,7 +193,8 @@ def find_headline(session: Session, *, stale: bool) -> Headline:
         outcome=outcome,
         result=progress.answer,
         target_force_n=session.shown_target_n,
-        **(_bin_fields(devices) if progress.phase == Phase.HOLD.value else {}),
+        # The opening hand keeps the bin: any other word could be mistaken for one.
+        **(_bin_fields(devices) if has_bin else {}),
     )
     return _with_kind(found, "warn" if found.on_target is False else "good")
 
@@ -346,10 +350,12 @@ def _full_texts(session: Session, headline: Headline) -> tuple[str, str]:
 def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
     """Return the texts of the operator's page.
 
-    ``word``, ``detail``: the verdict. ``is_bin``: whether its word is a final bin. ``next``: the
-    next step, on the screen that controls. ``watch``: the text in its place on other screens.
-    ``badge``: a note that the grasp is not stored. ``opens``: the countdown before the gripper
-    opens by itself. ``is_past``: whether the verdict is that of another item than the scanned one.
+    ``word``, ``detail``: the verdict. ``is_bin``: whether its word is a final bin. ``color``: the
+    number of its colour. ``item``: the end of the item's name. ``next``: the next step, on the
+    screen that controls. ``is_refused``: whether the entered name is refused, which the next step
+    then says. ``watch``: the text in its place on other screens. ``badge``: a note that the grasp
+    is not stored. ``opens``: the countdown before the gripper opens by itself. ``is_past``: whether
+    the verdict is that of another item than the scanned one, or of another lot.
     """
     words, form, devices = session.words, session.form, session.devices
     target_force_n = form.target_force_n
@@ -358,13 +364,16 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         measured.insert(0, words("bin.so_far", bin=headline.bin.name))
     if devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
         target_force_n = session.shown_target_n
-    is_scanned = form.is_refused or (form.item_id != "" and not form.is_returned)
+    is_past = form.is_refused or (form.item_id != "" and not form.is_returned) or devices.is_past
     return {
         "word": _capitalize(_operator_word(session, headline)),
         "detail": _operator_detail(headline, devices, words),
         "measured": ", ".join(measured),
         "is_bin": headline.bin is not None and not headline.bin.again,
+        "color": _bin_color(session, headline),
+        "item": short_name(devices.item_id) if headline.result is not None else "",
         "next": _capitalize(_next_step(session, headline)),
+        "is_refused": form.item_id != "" and session.name_fault != "",
         "watch": _watch_text(session, headline),
         "badge": words("badge.interrupted")
         if devices.interrupted is not None and headline.report in _INTERRUPTED
@@ -372,11 +381,17 @@ def operator_document(session: Session, headline: Headline) -> dict[str, Any]:
         if headline.result is None
         else store_note(devices, words),
         "opens": "" if session.silence_s is not None else _countdown(devices, headline, words),
-        "is_past": is_scanned and headline.result is not None and devices.grasped is not None,
+        "is_past": is_past and headline.result is not None and devices.grasped is not None,
         "target": words("target.none")
         if target_force_n is None
         else words("target.force", force=f"{target_force_n:g}"),
     }
+
+
+def _bin_color(session: Session, headline: Headline) -> int | None:
+    """Return the number of a bin's colour, from 0; None for amber, red and without a bin."""
+    name = headline.bin.name if headline.bin is not None and headline.kind == "good" else ""
+    return session.bins.index(name) % BIN_COLORS if name in session.bins else None
 
 
 def _operator_word(session: Session, headline: Headline) -> str:
@@ -404,6 +419,9 @@ def _operator_word(session: Session, headline: Headline) -> str:
 def why_default(placement: Placement, words: Words) -> str:
     """Return why an item gets the default bin; empty for another bin, or without one."""
     decision = None if placement.done is None else placement.done.decision
+    if (given := placement.given) is not None:
+        measured = "-" if decision is None else decision.bin
+        return words("why.given", name=given.giver, measured=measured)
     if decision is None or decision.rule is not None:
         return ""
     closest = decision.closest
@@ -450,6 +468,8 @@ def _next_step(session: Session, headline: Headline) -> str:
         if headline.phase == Phase.HOLD.value and headline.result is None:
             return words("next.wait")
         if headline.phase == Phase.HOLD.value:
+            if session.form.item_id and session.name_fault:
+                return session.name_fault
             if headline.no_bin:
                 return words("next.no_bin_held")
             return words("next.turn_held" if again else "next.take")
@@ -465,28 +485,26 @@ def _next_step(session: Session, headline: Headline) -> str:
     if devices.live.is_hand_open is False:
         is_holding = headline.result is not None and headline.outcome in _HOLDING_OUTCOMES
         return words("next.release_item" if is_holding else "next.release")
-    if session.form.label_fault:
-        return words("next.label")
-    if doubt := session.form.find_doubt(words):
-        return doubt
     form = session.form
+    if (form.item_id or form.is_refused) and session.name_fault:
+        return session.name_fault
     if form.why is Unfinished.NOT_STORED and form.item_id and devices.item_id == form.pending:
         return words("next.not_stored", item=short_name(form.pending))
-    if session.requires_item and not session.form.item_id:
-        return words("next.name")
-    if report is Report.SENSOR_BACK or (report is Report.STOPPED_OPEN and session.form.is_returned):
-        return words("next.again")
-    if report is Report.INTERRUPTED and devices.interrupted is not None:
+    if report is Report.INTERRUPTED and devices.interrupted is not None and not form.item_id:
         item_id = devices.interrupted.item_id
-        return words("next.interrupted" if item_id else "next.again")
+        return words("next.interrupted" if item_id else "next.again", item=short_name(item_id))
+    if report in (Report.SENSOR_BACK, Report.INTERRUPTED) or (
+        report is Report.STOPPED_OPEN and form.is_returned
+    ):
+        return words("next.again")
     if report is Report.DAMAGED:
         return words("next.aside")
     if headline.no_bin:
         return words("next.no_bin")
     if again:
         return words("next.turn")
-    is_ended = report is Report.OUTCOME and headline.outcome is not None
-    return words(f"next.{headline.outcome if is_ended else Outcome.HELD}")
+    outcome = headline.outcome if report is Report.OUTCOME and headline.outcome else Outcome.HELD
+    return (outcome is Outcome.HELD and session.name_fault) or words(f"next.{outcome}")
 
 
 def interruption_text(interrupted: Interruption, words: Words) -> str:

@@ -119,6 +119,7 @@ class ItemStore:
                     away=stored.away,
                     batch=stored.batch,
                     sorted_as=stored.final_bin,
+                    given=stored.given_bin,
                 )
             if rules is None:
                 return found
@@ -172,7 +173,13 @@ class ItemStore:
                     given = bin_verdict(placement.done, given_at=datetime.now(UTC))
                     # As on the screens and in the published result.
                     details = {**given.details, "provisional": completed.bin.again}
-                    shown = replace(given, explanation=completed.bin.why, details=details)
+                    shown = replace(
+                        given,
+                        text=completed.bin.name,
+                        probability=completed.bin.probability,
+                        explanation=completed.bin.why,
+                        details=details,
+                    )
                     store.add_verdict(shown)
         except (PalpateError, OSError) as error:
             return replace(completed, not_stored=self._report(error))
@@ -309,6 +316,17 @@ class ItemStore:
         """Raise `PalpateError` if the store can't be used; it may be missing."""
         self._read(lambda store: None)
 
+    def given_bins(self) -> dict[str, tuple[str, str]]:
+        """Return the last bin that a person gave to each item, and when.
+
+        Raises
+        ------
+        PalpateError
+            If the store can't be used or does not answer.
+        """
+        found = self._read(lambda store: store.verdicts(About.BIN, source=Source.PERSON)) or ()
+        return {one.item_id: (one.text, one.given_at.isoformat()) for one in found}
+
     def learnt_kinds(self) -> tuple[str, ...]:
         """Return the kinds that can be identified; empty without labelled items.
 
@@ -350,19 +368,25 @@ class _StoredItem:
     identifier: Identifier | None = None
     #: Why there is no classifier, although the rules require one.
     class_fault: str = ""
-    #: The item's batch, if it has grasps.
-    batch: str = ""
+    #: The item's batch, empty without one; None if it has no grasps.
+    batch: str | None = None
     #: Reason why grasps of other stations may be missing; empty if the shared store answered.
     away: str = ""
 
     @property
     def final_bin(self) -> str:
         """The bin from the item's grasps, unless it is provisional; empty without one."""
-        bins = [
-            one for one in self.verdicts if one.about is About.BIN and one.source is Source.PALPATE
-        ]
-        last = max(bins, key=lambda one: one.given_at, default=None)
+        last = self._last_bin(Source.PALPATE)
         return "" if last is None or is_provisional(last) else last.text
+
+    @property
+    def given_bin(self) -> Verdict | None:
+        """The bin that a person has given; None without one."""
+        return self._last_bin(Source.PERSON)
+
+    def _last_bin(self, source: Source) -> Verdict | None:
+        bins = [one for one in self.verdicts if one.about is About.BIN and one.source is source]
+        return max(bins, key=lambda one: one.given_at, default=None)
 
     @classmethod
     def read(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _StoredItem:
@@ -380,7 +404,7 @@ class _StoredItem:
         return cls(
             kind=kind,
             grasps=grasps,
-            batch=(items[0].batch or "") if grasps else "",
+            batch=(items[0].batch or "") if grasps else None,
             verdicts=store.verdicts_of(item_id) if items else (),
             identifier=identifier,
             class_fault=class_fault,

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from palpate_station.dashboard.words import Words
+
+#: Bin and time of each item whose bin a person has given.
+GivenBins = Mapping[str, tuple[str, str]]
+_NO_BINS: GivenBins = MappingProxyType({})
 
 
 class Lot:
@@ -16,6 +22,8 @@ class Lot:
         Name of the batch; empty if it has none.
     default_bin : str, optional
         The bin of the items that no rule accepts: the others are the packout.
+    given : mapping
+        The bins that people have given; they replace those of the grasps.
 
     Examples
     --------
@@ -26,28 +34,34 @@ class Lot:
     (3, {'large': 2, 'by hand': 1}, 67)
     """
 
-    def __init__(self, name: str = "", *, default_bin: str | None = None) -> None:
-        self.name, self._default_bin = name, default_bin
-        #: Bin of each item; empty without rules.
-        self._bin_of = dict[str, str]()
+    def __init__(
+        self, name: str = "", *, default_bin: str | None = None, given: GivenBins = _NO_BINS
+    ) -> None:
+        self.name, self._default_bin, self._given = name, default_bin, given
+        #: Bin of each item; empty without rules, None while it is provisional.
+        self._bin_of = dict[str, str | None]()
 
-    def add(self, item: str, *, bin_name: str) -> None:
-        """Count an item with its bin; the bin is empty without rules."""
+    def add(self, item: str, *, bin_name: str | None) -> None:
+        """Add an item with its bin: empty without rules, None to count only a person's bin."""
         self._bin_of[item] = bin_name
 
     def discard(self, item: str) -> None:
-        """Do not count an item, such as one whose bin is provisional."""
+        """Do not count an item, such as one of another batch."""
         self._bin_of.pop(item, None)
+
+    def _final_bins(self) -> list[str]:
+        found = (self._given.get(item, (name,))[0] for item, name in self._bin_of.items())
+        return [name for name in found if name is not None]
 
     @property
     def items(self) -> int:
-        """Number of items."""
-        return len(self._bin_of)
+        """Number of items with a final bin, or of all without rules."""
+        return len(self._final_bins())
 
     @property
     def bins(self) -> Counter[str]:
         """Number of items by bin; empty without rules."""
-        return Counter(name for name in self._bin_of.values() if name)
+        return Counter(name for name in self._final_bins() if name)
 
     @property
     def packout_percent(self) -> float | None:
@@ -59,8 +73,11 @@ class Lot:
 
 
 def lot_text(lot: Lot, words: Words) -> str:
-    """Return the line of a lot: name, number of items, bins and packout; empty without items."""
-    if not lot.items:
+    """Return the line of a lot: name, number of items, bins and packout.
+
+    It is empty for a lot without name and items.
+    """
+    if not (lot.name or lot.items):
         return ""
     texts = [words("lot", name=lot.name) if lot.name else words("lot.unnamed")]
     texts.append(words("lot.items", n=lot.items))

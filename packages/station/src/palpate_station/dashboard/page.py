@@ -10,9 +10,11 @@ from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
 
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
+from palpate_station.dashboard.access import LOGOUT
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.messages import Confirm, Pause, Seek, SetSpeed
 from palpate_station.dashboard.panel_grasp import (
+    add_bin_correction,
     add_grasp_buttons,
     add_item_field,
     add_set_up_panel,
@@ -86,6 +88,7 @@ def build_operator_page(app_state: AppState, client: Client) -> None:
                 label_again=viewer.words("item.returned"),
             )
         viewer.show_with_gripper(item)
+        add_bin_correction(app_state, viewer)
     add_grasp_buttons(app_state, viewer)
     ui.timer(_REFRESH_S, viewer.refresh)
 
@@ -109,10 +112,17 @@ def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
     name = (user and user.name) or session.words(kind, address=client.ip or "")
     role = Role.CONFIGURE if user is None else user.role
     client.on_connect(lambda: session.join(client.id, tab=client.tab_id, name=name, role=role))
+
+    def mark_away() -> None:
+        """Note a closed page, but not the end of an old connection of a page with a new one."""
+        if not client.has_socket_connection:
+            session.mark_away(client.id)
+
+    client.on_disconnect(mark_away)
     client.on_delete(lambda: session.leave(client.id))
     may_drive = str(role.may_drive).lower()
     ui.query("body").props(f"data-viewer={client.id} data-may-drive={may_drive}")
-    viewer = Viewer(session, viewer_id=client.id)
+    viewer = Viewer(session, viewer_id=client.id, user_name=(user and user.name) or "")
     ui.on("press", lambda event: viewer.record_press(event.args))
     ui.on("stop_failed", lambda: session.devices.add_alarm(session.words("stop.alarm")))
     return viewer
@@ -143,6 +153,8 @@ def _add_header(
             words("button.take_over"), viewer.take_over, props="id=take-over", small=True
         )
         ui.link(other[1], other[0]).classes("pill")
+        if viewer.user_name:
+            ui.link(words("button.logout"), LOGOUT).classes("pill").props("id=logout")
         if sound:
             _add_static_html("sound.html", viewer)
         contrast = ui.button(icon="contrast", on_click=toggle_dark, color=None)
@@ -168,7 +180,7 @@ def _add_header(
             texts = [words("who.nobody" if is_free else "who.watcher")]
             if not viewer.may_drive:
                 texts = [words("who.view")]
-        driver.set_text(" · ".join(texts))
+        driver.set_text(" · ".join(filter(None, (viewer.user_name, *texts))))
         take_over.set_visibility(viewer.may_drive and not is_driver)
 
     viewer.on_refresh(show_driver)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from nicegui import ui
 
-from palpate.errors import InputError
+from palpate.errors import InputError, PalpateError
 from palpate.object.damage_file import DamageFile
 from palpate.rig import BUILT_IN
 from palpate_station.dashboard.app_state import AppState
 from palpate_station.dashboard.folder import make_recording_path
 from palpate_station.dashboard.grasp_form import GraspForm, short_name
+from palpate_station.dashboard.item_store import error_text
 from palpate_station.dashboard.messages import Action, DeviceActivity, OpenRig, Record, SetSpeed
 from palpate_station.dashboard.viewer import Viewer, finite_number
 
@@ -83,8 +86,9 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
     def end_scan() -> None:
         """Take the name at the end of a scan, or report why not."""
         if viewer.may_act:
-            if fault := form.label_fault:
-                viewer.refuse(fault, holds=lambda: form.label_fault == fault)
+            if form.label_fault:
+                item_id = form.item_id
+                viewer.refuse(form.label_fault, holds=lambda: form.item_id == item_id)
             elif doubt := form.end_scan(words):
                 viewer.refuse(doubt)
         viewer.refresh()
@@ -109,8 +113,8 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
         is_long = short_name(form.item_id) != form.item_id
         shown = label_again if form.is_returned and form.item_id else label
         shown = f"{shown} {short_name(form.item_id)}" if is_long else shown
-        is_refused = form.label_fault or form.find_doubt(words)
-        state = "" if not form.item_id else "refused" if is_refused else "taken"
+        is_clear = not app_state.session.name_fault
+        state = "" if not form.item_id else "taken" if is_clear else "refused"
         item.classes(add=state, remove=" ".join({"taken", "refused"} - {state}))
         # A grasp has taken its name, and the next item may be scanned meanwhile.
         is_grasping = app_state.session.devices.activity is DeviceActivity.GRASPING
@@ -120,6 +124,51 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str, label_aga
         same_item.set_text(words("item.same", name=short_name(form.last_item_id, letters=8)))
         can_repeat = bool(form.last_item_id) and not form.item_id and not is_grasping
         same_item.set_visibility(can_repeat and viewer.may_act)
+
+    viewer.on_refresh(show)
+
+
+def add_bin_correction(app_state: AppState, viewer: Viewer) -> None:
+    """Add the button and the dialog that give the last item another bin."""
+    words, devices = viewer.words, app_state.session.devices
+
+    async def correct(item_id: str, name: str) -> None:
+        """Store the bin with the name of its giver, and show it."""
+        giver = viewer.user_name or str(by.value or "").strip()
+        if not giver:
+            viewer.refuse(words("correct.unnamed"))
+            return
+        try:
+            await app_state.give_bin(item_id, name, by=giver)
+        except PalpateError as error:
+            viewer.refuse(error_text(error))
+        dialog.close()
+        viewer.refresh()
+
+    def ask() -> None:
+        """Ask for the right bin of the shown item."""
+        item_id, placed = devices.item_id, devices.placed
+        title.set_text(words("correct.title", item=short_name(item_id)))
+        choices.clear()
+        with choices:
+            for name in app_state.session.bins:
+                if placed is None or placed.bin_name != name:
+                    viewer.button(name, partial(correct, item_id, name))
+        dialog.open()
+
+    with ui.dialog() as dialog, ui.element("div").classes("card care form q-pa-md"):
+        title = ui.label().classes("result")
+        by = ui.input(words("correct.by")).props("outlined dense maxlength=80")
+        by.set_visibility(not viewer.user_name)
+        choices = ui.element("div").classes("form")
+        viewer.button(words("button.cancel"), dialog.close)
+    button = viewer.button(words("button.wrong_bin"), ask, props="id=wrong-bin", small=True)
+
+    def show() -> None:
+        """Show the button while the last item has a stored bin."""
+        placed = devices.placed
+        has_bin = placed is not None and placed.stored is True and placed.bin is not None
+        button.set_visibility(has_bin and devices.item_id != "" and viewer.may_act)
 
     viewer.on_refresh(show)
 
@@ -177,6 +226,13 @@ def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
             viewer.words("button.release"), viewer.release, props=shortcut, action=Action.RELEASE
         )
         release_button.style("font-size: 19px")
+
+    def show_blocked() -> None:
+        """Show whether a grasp has a clear name; a press then still says what is wrong."""
+        is_blocked = app_state.session.name_fault != ""
+        grasp_button.classes(**{"add" if is_blocked else "remove": "blocked"})
+
+    viewer.on_refresh(show_blocked)
     viewer.show_with_gripper(foot)
 
 

@@ -108,6 +108,7 @@ def serve(
     _add_stop_route(app, app_state)
     _add_metrics_route(app, monitor)
     _add_retention(app, app_state)
+    _run_while_serving(app, app_state.watch_given_bins)
     _add_pages(app, app_state)
     threaded = AppThread(app, direct=STOP_PATHS)
     gate = AccessControl(threaded, token=token, users=users, loopback=is_loopback(host))

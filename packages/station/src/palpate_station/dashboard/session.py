@@ -7,7 +7,7 @@ driver. Another viewer becomes the driver by taking over.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf
 from threading import RLock
@@ -32,6 +32,7 @@ from palpate_station.dashboard.messages import (
 )
 from palpate_station.dashboard.users import Role, User
 from palpate_station.dashboard.words import Words
+from palpate_station.line.gs1 import LabelError
 
 #: The device process reports 20 times per second; after this silence it counts as hung, seconds.
 _MAX_SILENCE_S = 1.0
@@ -72,6 +73,8 @@ class Session:
         Texts of the pages; English by default.
     requires_item : bool
         Whether a grasp needs the name of its item.
+    bins : sequence of str, optional
+        The bins of the sorting rules in their order, the default bin last.
     now_s : callable, optional
         The clock of the leases.
     on_event : callable, optional
@@ -101,12 +104,13 @@ class Session:
         on_refused: Callable[[str, str], None] = lambda who, what: None,
         words: Words | None = None,
         requires_item: bool = False,
+        bins: Sequence[str] = (),
     ) -> None:
         self._send, self._silent_s, self._now_s = send, silent_s, now_s
         self._on_event, self._on_refused = on_event, on_refused
         #: Texts of the pages.
         self.words = words or Words()
-        self.requires_item = requires_item
+        self.requires_item, self.bins = requires_item, tuple(bins)
         self.devices = DeviceState(on_measured=on_measured, on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self._driver: str | None = None
@@ -116,6 +120,8 @@ class Session:
         #: End of the lease of each client without a connection of its own.
         self._leases_s = dict[str, float]()
         self._viewer_of_tab = dict[str, str]()
+        #: Pages without a connection, which may return.
+        self._away = set[str]()
         #: Settings of the next grasp.
         self.form = GraspForm()
         #: Target force of the last ordered grasp.
@@ -169,8 +175,9 @@ class Session:
 
         A viewer becomes the driver with its first accepted action while nobody drives: a page that
         is only open keeps no line from driving. A page reloaded in the same browser tab retains
-        control. A `leased` viewer drives until `LEASE_S` after its last `renew`, because nothing
-        else reveals that it has gone. A viewer whose `role` may only watch never drives.
+        control, and so does a person (by `name`) who has closed the page that drove. A `leased`
+        viewer drives until `LEASE_S` after its last `renew`, because nothing else reveals that it
+        has gone. A viewer whose `role` may only watch never drives.
 
         >>> session = Session(send=print)
         >>> session.join("a", tab="1"), session.claim("a"), session.join("b", tab="1")
@@ -184,9 +191,13 @@ class Session:
         self.viewers.add(viewer)
         self._names.setdefault(viewer, name)
         self._roles.setdefault(viewer, role)
+        self._away.discard(viewer)
         if leased:
             self._leases_s[viewer] = self._now_s() + LEASE_S
-        if before is not None and self.driver == before and self._roles[viewer].may_drive:
+        driver = self.driver
+        is_same = driver in self._away and self.driver_name == self._names[viewer]
+        is_same |= before is not None and driver == before
+        if is_same and self._roles[viewer].may_drive:
             self._drive(viewer)
         return self.driver == viewer
 
@@ -216,18 +227,32 @@ class Session:
             self._on_event(self._names[viewer], f"drives{before and f' instead of {before}'}")
         self._driver = viewer
 
+    def mark_away(self, viewer: str) -> None:
+        """Note that a page has lost its connection: it is closed, or returns soon."""
+        self._away.add(viewer)
+
     def leave(self, viewer: str) -> None:
         """Remove a viewer; after the driver leaves, the next to act or take over drives."""
         if self._driver == viewer:
             self._on_event(self._names[viewer], "stops driving")
             self._driver = None
         self.viewers.discard(viewer)
+        self._away.discard(viewer)
         self._names.pop(viewer, None)
         self._roles.pop(viewer, None)
         self._leases_s.pop(viewer, None)
         self._viewer_of_tab = {
             tab: last for tab, last in self._viewer_of_tab.items() if last != viewer
         }
+
+    @property
+    def name_fault(self) -> str:
+        """Why the next item has no clear name, and what to do; empty if a grasp may take it."""
+        form, fault = self.form, self.form.label_fault
+        if fault is not None:
+            return self.words(fault.step if isinstance(fault, LabelError) else "next.label")
+        is_missing = self.requires_item and not form.item_id
+        return self.words("next.name") if is_missing else form.find_doubt(self.words)
 
     # -- permitted actions ----------------------------------------------------------------------
 

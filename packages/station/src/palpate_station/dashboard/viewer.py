@@ -31,6 +31,8 @@ class Viewer:
         The session shared by all viewers.
     viewer_id : str
         Name of this viewer in the session.
+    user_name : str
+        Name of the logged-in user; empty without users.
     now_s : callable
         The clock whose time the page receives as ``server_s``.
     """
@@ -40,9 +42,11 @@ class Viewer:
         session: Session,
         *,
         viewer_id: str,
+        user_name: str = "",
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._session, self._id, self.words = session, viewer_id, session.words
+        self.user_name = user_name
         self._known_stops, self._now_s = session.stops, now_s
         self._pressed_s = math.inf
         self._refreshers: list[tuple[Callable[[], object], ui.element | None]] = []

@@ -27,6 +27,14 @@ _SSCC_DIGITS = 18
 _CHECKED_KEYS = {"253": 13, "255": 13, "402": 17, "8003": 14, "8006": 14, "8017": 18, "8018": 18}
 
 
+class LabelError(InputError):
+    """A label that never names an item; `step` is the key of what an operator does instead."""
+
+    def __init__(self, text: str, *, step: str) -> None:
+        super().__init__(text)
+        self.step = step
+
+
 def read_label(text: str) -> str:
     """Return the item identifier of a scanned text, in GS1's human-readable form.
 
@@ -49,7 +57,7 @@ def read_label(text: str) -> str:
         own_number = f"N{text}" if is_bare else ""
         _check_digit(number[1], label=text, own_number=own_number)
         if len(number[1]) < _SSCC_DIGITS:
-            raise InputError(_describe_product(text, own_number=own_number))
+            raise _product_error(text, own_number=own_number)
         return number[1]
     if text.startswith("("):
         # Labels are often typed with the printed spaces.
@@ -77,16 +85,16 @@ def read_label(text: str) -> str:
         return "".join(f"({key}){elements[key].value}" for key in keys)
     if not is_label and "01" not in elements:
         return text
-    raise InputError(_describe_product(text))
+    raise _product_error(text)
 
 
-def _describe_product(text: str, *, own_number: str = "") -> str:
+def _product_error(text: str, *, own_number: str = "") -> LabelError:
     """Return why the label of a product is refused.
 
     `own_number`: form in which a number of the user's own is accepted; empty if none.
     """
     fault = f"label {text!r}: it identifies a product, not an item; a serial number (21) is missing"
-    return fault + _describe_own(own_number)
+    return LabelError(fault + _describe_own(own_number), step="next.label_product")
 
 
 def _describe_own(own_number: str) -> str:

@@ -32,7 +32,7 @@ class Evidence:
     ripeness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     #: Probability of a bruise; None without a verdict.
     bruised: float | None = None
-    #: Number of grasps so far.
+    #: Number of grasps so far that held the item to the end.
     grasps: int = 0
 
     def probabilities(self, key: str) -> Mapping[str, float]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from palpate.grasp.document import Bin, GraspDocument, ItemFacts
 from palpate.grasp.result import Outcome
-from palpate_station.records import Grasp
+from palpate_station.records import Grasp, Verdict
 from palpate_station.sorting.run import Sorted
 
 
@@ -28,10 +28,12 @@ class Placement:
         Why there is no decision.
     away : str
         Why grasps of other stations may be missing.
-    batch : str
-        The batch that the stored grasps of the item belong to; empty if it has none.
+    batch : str or None
+        The batch of the item; empty if it was grasped before without one, None if never.
     sorted_as : str
         The final bin that the item already had before this grasp; empty if it had none.
+    given : Verdict or None
+        The bin that a person has given to the item, which no grasp changes.
     """
 
     grasp: Grasp
@@ -40,12 +42,17 @@ class Placement:
     done: Sorted | None = None
     no_bin: str = ""
     away: str = ""
-    batch: str = ""
+    batch: str | None = None
     sorted_as: str = ""
+    given: Verdict | None = None
 
     @property
     def bin(self) -> Bin | None:
-        """The bin, if the rules decided."""
+        """The bin, if a person or the rules decided."""
+        if self.given is not None:
+            measured = "" if self.done is None else f", measured: {self.done.decision.why}"
+            why = f"{self.given.text}: given by {self.given.giver}{measured}"
+            return Bin(name=self.given.text, rule=None, probability=None, again=False, why=why)
         if self.done is None:
             return None
         decision = self.done.decision
@@ -73,5 +80,5 @@ class Placement:
             item=self.item,
             is_sorted=self.is_sorted,
             bin=self.bin if is_held else None,
-            no_bin=self.no_bin if is_held else "",
+            no_bin=self.no_bin if is_held and self.bin is None else "",
         )

@@ -71,7 +71,7 @@ class RuleBook:
     rules: tuple[Rule, ...]
     #: Bin of the remaining items.
     default_bin: str
-    #: Maximum number of grasps of one item.
+    #: Maximum number of grasps of one item, without those that did not hold it.
     most_grasps: int = MOST_GRASPS
     #: Whether a station refuses a grasp without the name of its item.
     requires_item: bool = False

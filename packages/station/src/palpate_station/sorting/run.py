@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 from palpate.grasp.result import Outcome
@@ -56,10 +56,11 @@ def sort_item(
         grasps = [one.grasp for one in done]
         evidence = combine_evidence(grasps, identifier=identifier, kind=kind, verdicts=verdicts)
         decision = decide(book, evidence)
-        if not decision.needs_regrasp:
+        if not decision.needs_regrasp or len(done) >= book.most_grasps:
             return Sorted(
                 item_id=item_id,
-                decision=decision,
+                # Grasps that did not hold are not repeated without end.
+                decision=replace(decision, needs_regrasp=False),
                 identity=evidence.identity,
                 size_mm=evidence.size_mm,
                 grasps=tuple(grasps),
@@ -93,7 +94,7 @@ def combine_evidence(
         firmness=_average(held, "firmness"),
         ripeness=_stages(last[About.RIPENESS]) if About.RIPENESS in last else {},
         bruised=_bruise_probability(last[About.BRUISE]) if About.BRUISE in last else None,
-        grasps=len(grasps),
+        grasps=len(held),
     )
 
 

@@ -17,7 +17,7 @@ import sqlalchemy as sa
 from palpate.errors import require_extra
 from palpate.files import atomic_path, escape_csv_cell
 from palpate.holds.table_files import import_pyarrow
-from palpate_station.records import BIN_COLUMNS, MEASURED, About, Grasp, Item, Source, Verdict
+from palpate_station.records import BIN_COLUMNS, MEASURED, About, Grasp, Item, Verdict
 from palpate_station.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
 
 _BATCH = 10_000
@@ -140,12 +140,10 @@ def _grasp_rows(
     for grasp in grasps:
         row = grasp_row(grasp, known.get(grasp.item_id)) | {"station": grasp.station}
         if (given := bins.get(grasp.grasp_id)) is not None:
-            is_person = given.source is Source.PERSON
-            by = given.details.get("by", "a person") if is_person else str(given.source)
             provisional = given.details.get("provisional")
             row |= zip(
                 BIN_COLUMNS,
-                (given.text, given.explanation, given.probability, provisional, by),
+                (given.text, given.explanation, given.probability, provisional, given.giver),
                 strict=True,
             )
         yield row

@@ -12,7 +12,7 @@ from typing import Any
 
 from palpate.grasp.document import ItemFacts
 from palpate.measurement import Measurement
-from palpate_station.records import MEASURED, About, Drive, Grasp, Item, Verdict
+from palpate_station.records import MEASURED, About, Drive, Grasp, Item, Source, Verdict
 from palpate_station.store.database import Store
 
 #: Maximum number of other items of the same kind (newest first) for the firmness rank, and the
@@ -66,9 +66,14 @@ class ItemHistory:
         return next((measured for measured in found if measured is not None), None)
 
     def latest_verdict(self, about: About) -> Verdict | None:
-        """Return the latest verdict on a subject, or None if there is none."""
-        found = (verdict for verdict in reversed(self.verdicts) if verdict.about is about)
-        return next(found, None)
+        """Return the latest verdict on a subject, or None if there is none.
+
+        A person's bin counts more than those of later grasps.
+        """
+        found = [verdict for verdict in self.verdicts if verdict.about is about]
+        if about is About.BIN:
+            found = [one for one in found if one.source is Source.PERSON] or found
+        return found[-1] if found else None
 
     def select_period(self, since: datetime, until: datetime) -> ItemHistory:
         """Return the history at or after `since`, and before `until`."""

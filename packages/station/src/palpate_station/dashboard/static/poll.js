@@ -202,12 +202,18 @@ function recordPress(press) {
 // The item's text that the user is editing; null after the end of a scan or a grasp, when the next
 // key replaces the text.
 let edited = null;
+// Whether keys were typed on a page whose field is disabled.
+let ignored = false;
 
 // A barcode scanner types into the focused element. A scan replaces a name that the server has returned. Text typed outside of a field replaces the next
 // item's name. F8 grasps, F9 releases.
 function handleKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
   const button = { F8: "grasp", F9: "release" }[event.key], field = document.querySelector("input.scanned");
+  if (field?.disabled && !event.target.closest("input, textarea, [role=dialog]")) {
+    if (event.key === "Enter" && ignored) window.dispatchEvent(new Event("palpate-scan-ignored"));
+    ignored = event.key.length === 1 || (ignored && event.key !== "Enter");
+  }
   if (button || (event.key === "Enter" && field === event.target)) edited = null;
   if (button) {
     event.preventDefault();

@@ -4,8 +4,9 @@ const STORAGE_KEY = "palpate-sound";
 // The tones differ in pitch, duration and waveform, so each is recognizable by itself.
 const TONES = { done: { hz: 880, s: 0.25, shape: "sine" }, fault: { hz: 220, s: 0.9, shape: "square" } };
 const LOUDNESS = 0.3, EDGE_S = 0.02;
-// Maximum time from the end of a scan until the server has checked the label.
-const CHECKED_MS = 3000;
+// Time from the end of a scan until the server has checked the label: usual and maximum. While it is typed,
+// a name that the second scan confirms is still refused.
+const CHECK_MS = 300, CHECKED_MS = 3000;
 let context = null, before = null, alarms = null, scannedAt = -Infinity;
 
 const wanted = () => localStorage.getItem(STORAGE_KEY) === "on";
@@ -54,12 +55,16 @@ export function begin() {
   });
 }
 
+// Plays the tone of a fault.
+export const warn = () => play("fault");
+
 // Plays a tone on changes only, not for the state at loading.
 export function sound(kind, alarmCount = alarms) {
   show();
   const isAlarm = alarms !== null && alarmCount > alarms;
   alarms = alarmCount;
-  if (performance.now() - scannedAt < CHECKED_MS && document.querySelector(".refused")) {
+  const sinceMs = performance.now() - scannedAt;
+  if (sinceMs > CHECK_MS && sinceMs < CHECKED_MS && document.querySelector(".refused")) {
     scannedAt = -Infinity;
     play("fault");
   }
