@@ -97,12 +97,18 @@ def plan_grasp(
         raise InputError(
             f"tighten {tighten}: must be from 0, which never tightens, to {MOST_TIGHTENINGS}"
         )
+    law = sheet_law_of(calibration)
+    if target_force_n is not None and target_force_n < law.weak_sd_n:
+        raise InputError(
+            f"target_force_n {target_force_n:g}: this sheet does not tell a force below "
+            f"{law.weak_sd_n:.2f} N from none; give at least that"
+        )
     width = gripper.limits.drive == "width"
     fit = _fit_width_compliance if width else _fit_pressure_bend
     return Plan(
         layout=calibration.layout,
         rest_ohm=calibration.rest_ohm,
-        law=sheet_law_of(calibration),
+        law=law,
         gripper=gripper.limits,
         current=None if calibration.current is None else CurrentLaw.fit(calibration.current),
         target_force_n=target_force_n,
