@@ -16,7 +16,12 @@ from palpate.calibration import ForcePairs
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, InputError
 from palpate.force.creep_update import EARLY_S
-from palpate.force.of_calibration import HORIZON_S, fit_sheet_law, settled_pairs
+from palpate.force.of_calibration import (
+    HORIZON_S,
+    find_loaded_pads,
+    fit_sheet_law,
+    settled_pairs,
+)
 from palpate.holds.strict import read_table
 from palpate.holds.units import find_unit
 from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame, PressureArray
@@ -218,8 +223,11 @@ def measure_loads(
         if load_n <= 0:
             continue
         for other in weighed:
+            both = np.stack([reading.by_pixel.ravel(), other.settled.by_pixel.ravel()])
+            on_now, on_before = find_loaded_pads(both, layout=kept.layout).T
+            is_repeated = other.load_n == load_n and (on_now == on_before).all()
             ratio = reading.excess / other.settled.excess
-            if other.load_n == load_n and abs(np.log(ratio)) > np.log(_UNEQUAL_RATIO):
+            if is_repeated and abs(np.log(ratio)) > np.log(_UNEQUAL_RATIO):
                 tell(
                     f"{load_n:.4g} N read {other.settled.excess:.3g} before and "
                     f"{reading.excess:.3g} now (excess conductance); the interval of the force "

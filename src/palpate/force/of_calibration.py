@@ -160,7 +160,7 @@ def contacts_of(pairs: ForcePairs, *, layout: ArrayLayout) -> list[tuple[States,
         read = np.vstack([np.zeros(excess.shape[1]), excess[mine]])
         forces = np.array(pairs.force_n)[mine]
         if is_made_by_weights(pairs) and pairs.pixel_excess:
-            forces = forces * _loaded_fraction(excess[mine], layout=layout)
+            forces = forces * find_loaded_pads(excess[mine], layout=layout).mean(axis=0)
         found.append((compute_states(time_s, read), np.append(0.0, forces)))
     return found
 
@@ -170,12 +170,12 @@ def pads_of(layout: ArrayLayout) -> NDArray[np.int_]:
     return np.repeat(layout.finger_of_row, layout.cols)
 
 
-def _loaded_fraction(excess: FloatArray, *, layout: ArrayLayout) -> FloatArray:
-    """Return the fraction of the fingers that each reading, shape (n, pixels), shows loaded."""
+def find_loaded_pads(excess: FloatArray, *, layout: ArrayLayout) -> NDArray[np.bool_]:
+    """Return which fingers' pads each reading, shape (n, pixels), shows loaded: (fingers, n)."""
     finger = pads_of(layout)
     names = np.unique(finger)
     of_finger = np.stack([excess[:, finger == name].sum(axis=1) for name in names])
-    return np.asarray((of_finger > _LOADED_FRACTION * of_finger.max(axis=0)).mean(axis=0))
+    return np.asarray(of_finger > _LOADED_FRACTION * of_finger.max(axis=0))
 
 
 def is_made_by_weights(pairs: ForcePairs) -> bool:
