@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from tests.pdf_fonts import check_all_fonts
 
+from palpate.object.damage_learning import FruitClosing
 from palpate.plots.style import PAGE_WIDTH_IN
 from palpate_studies import (
     detection_limit,
@@ -22,6 +24,7 @@ from palpate_studies import (
     fatigue,
     figure16,
     force_control,
+    fruit_grip,
     grasp_cycle,
     harvest,
     noise,
@@ -42,6 +45,7 @@ from palpate_studies import (
 )
 from palpate_studies.catalogue import BENCHMARKS, STUDIES
 from palpate_studies.report import StudyReport
+from palpate_studies.second.closings import other_closings
 
 pytestmark = pytest.mark.slow
 
@@ -54,7 +58,7 @@ def small_studies() -> Iterator[None]:
     """Leave out the level `field`, where a study runs alike at both, and most repeats."""
     with pytest.MonkeyPatch.context() as patch:
         for module in (
-            *(detection_limit, figure16, force_control, grasp_cycle, noise, size),
+            *(detection_limit, figure16, force_control, fruit_grip, grasp_cycle, noise, size),
             *(staircases, stiffness, table6),
         ):
             patch.setattr(module, "LEVELS", ("lab",))
@@ -70,6 +74,11 @@ def small_studies() -> Iterator[None]:
 @cache
 def pulls() -> list[dict[str, Any]]:
     return harvest.judge_pulls(harvest.FIRST_SEED - 4, level="lab")
+
+
+def renamed_closings() -> list[FruitClosing]:
+    names = {"layered": "mango", "foam": "kiwi", "dough": "banana"}
+    return [replace(one, fruit=names[one.fruit]) for one in other_closings()]
 
 
 CHAINS = {
@@ -93,6 +102,7 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
     "table5": partial(table5.report, sensors=1, repeats=1),
     "stiffness": partial(stiffness.report, grasps=1, repeats=2),
     "force-control": partial(force_control.report, grasps=1),
+    "fruit-grip": lambda: fruit_grip.judge(fruit_grip.grip_all(renamed_closings(), every=81)),
     "grasp-cycle": partial(grasp_cycle.report, grasps=1),
     "staircases": partial(staircases.report, sheets=1, staircases=1),
     "size": partial(size.report, sensors=1, first_sensor=300, berries=2),

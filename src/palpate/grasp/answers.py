@@ -127,6 +127,17 @@ def measure_stiffness(
     return None if answer is None else answer.stiffness
 
 
+def measure_closing_stiffness(
+    estimate: ContactEstimate, force: Measurement, *, plan: Plan
+) -> Measurement | None:
+    """Return the stiffness of the closing at a present force, as a damage model is trained on it.
+
+    None if the gripper can't measure it.
+    """
+    answer = _measure(estimate, force, plan)
+    return None if answer is None else answer.closing
+
+
 def _measure(estimate: ContactEstimate, force: Measurement, plan: Plan) -> ClosingAnswer | None:
     """Estimate size and stiffness from the closing curve; None if the force is too low."""
     found = _closing_curve(estimate, plan)
@@ -145,7 +156,7 @@ def _measure(estimate: ContactEstimate, force: Measurement, plan: Plan) -> Closi
     stiffness = measure_soft_stiffness(
         curve, compliance=compliance, opening_mm=opening_mm, force=force
     )
-    return None if stiffness is None else ClosingAnswer(None, stiffness, stiffness)
+    return None if stiffness is None else ClosingAnswer(None, stiffness, stiffness, stiffness)
 
 
 def count_contact_steps(estimate: ContactEstimate, plan: Plan) -> int:

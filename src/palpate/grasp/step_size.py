@@ -10,7 +10,7 @@ import numpy as np
 from palpate.grasp.answers import (
     count_contact_steps,
     gain_of_law,
-    measure_stiffness,
+    measure_closing_stiffness,
     mm_per_unit,
     read_force,
     sheet_forces_n,
@@ -60,15 +60,12 @@ def _damage_low_n(estimate: ContactEstimate, plan: Plan) -> float:
 
     Force and limit share one gain error, so the bound is scaled to the largest gain, like the upper
     force with which it is compared.
-
-    For an object that stiffens, the measured slope is smaller than in the training set, because it
-    counts from the first contact. The error is on the safe side.
     """
     # A limit requires two steps with certain force.
     few = count_contact_steps(estimate, plan) < 2
     if plan.damage is None or few or not estimate.force_n > 0:
         return math.inf
-    stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
+    stiffness = measure_closing_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return math.inf
     half_width = half_width_sds(plan.level) * estimate.gain.log_sd

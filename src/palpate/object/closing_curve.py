@@ -81,12 +81,17 @@ _LEAST_WEIGHT = 1e-6
 
 
 class ClosingAnswer(NamedTuple):
-    """Size and secant stiffness of an object, at the settled force and at a reference force."""
+    """Size and secant stiffness of an object, at the settled force and at a reference force.
+
+    `closing` is the stiffness over the upper half of the present force, before the object relaxes:
+    that of `ClosingState`, from which a damage model predicts the rupture force.
+    """
 
     #: None if the hand does not know its opening in millimetres.
     size_mm: Measurement | None
     stiffness: Measurement
     reference: Measurement
+    closing: Measurement
 
 
 class _Grid(NamedTuple):
@@ -95,9 +100,11 @@ class _Grid(NamedTuple):
     log_weight: FloatArray
     size_mm: FloatArray
     #: ln stiffness of the settled object at its force and at the reference force, for each of
-    #: `_RELAXATIONS`, shape (scales, final forces, relaxations).
+    #: `_RELAXATIONS`, and over the upper half of the closing; shape (scales, final forces,
+    #: relaxations).
     log_stiffness: FloatArray
     log_reference: FloatArray
+    log_closing: FloatArray
 
 
 def measure_closing(
@@ -124,7 +131,7 @@ def measure_closing(
     >>> curve = ClosingSteps(width_mm=40.0 - 0.7 * force_n, force_n=force_n, gain_sd=0.03,
     ...     law_sd=0.05, floor_n=0.02, weak_n=0.04)
     >>> held = Measurement(value=6.0, low=5.6, high=6.4, unit="n", level=0.9)
-    >>> size_mm, stiffness, reference = measure_closing(curve, compliance=compliance,
+    >>> size_mm, stiffness, reference, closing = measure_closing(curve, compliance=compliance,
     ...     opening_mm=35.8, force=held)
     >>> stiffness.low < 2.0 < stiffness.high, abs(stiffness.value - 2.0) < 0.2
     (True, True)
@@ -141,7 +148,7 @@ def measure_closing(
     weight = np.exp(log_weight[likely])
     size = Measurement.from_samples(size_mm[likely], weight=weight, unit="mm", level=force.level)
     repeated = np.repeat(weight, _RELAXATIONS.size)
-    at_force, at_reference = (
+    at_force, at_reference, closing = (
         Measurement.from_samples(
             np.clip(np.exp(found[likely]), SOFTEST_N_PER_MM, STIFFEST_N_PER_MM).ravel(),
             weight=repeated,
@@ -152,7 +159,7 @@ def measure_closing(
         for found in log_stiffnesses
     )
     zero_sd_mm = math.hypot(compliance.residual_mm, _BLOCK_SD_MM)
-    return ClosingAnswer(size.widened(sd=zero_sd_mm), at_force, at_reference)
+    return ClosingAnswer(size.widened(sd=zero_sd_mm), at_force, at_reference, closing)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -268,7 +275,10 @@ def _evaluate(
         log_n - (log_n - log_scale) / exponent
         for log_n in (settled_log_n, np.full_like(settled_log_n, math.log(reference_n)))
     )
-    return _Grid(log_weight, size_mm, log_stiffness, log_reference)
+    # ln ((F / 2) / (d(F) - d(F / 2))).
+    upper_half_mm = (1.0 - 0.5 ** (1.0 / exponent)) * deformed_mm
+    log_closing = np.log(0.5 * final_n / upper_half_mm)[..., None] + np.zeros(_RELAXATIONS.size)
+    return _Grid(log_weight, size_mm, log_stiffness, log_reference, log_closing)
 
 
 def compute_lag(force_n: FloatArray, *, weak_n: float) -> FloatArray:

@@ -15,6 +15,7 @@ from palpate.measurement import Measurement, Status
 from palpate.object.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
 from palpate.object.compliance import STIFFEST_N_PER_MM, Compliance, SoftFingerCompliance
 from palpate.object.soft_stiffness import measure_soft_stiffness
+from palpate.object.strength import ClosingCurve
 
 HARD = Compliance(
     slope_mm_per_n=1e-4, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.0, largest_force_n=15.0
@@ -72,6 +73,21 @@ def test_stiffness_interval_with_gain_uncertainty_covers_gain_error() -> None:
     assert stiffness_of(2.0, gain=1.3).low > 2.0
     uncertain = stiffness_of(2.0, gain=1.3, gain_sd=0.3, half=0.4)
     assert uncertain.low < 2.0 < uncertain.high
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_closing_stiffness_is_that_of_the_upper_half_before_the_object_relaxes(
+    exponent: float,
+) -> None:
+    deformed_mm = (FORCE_N / 2.0) ** (1 / exponent)
+    width_mm = 40.0 - deformed_mm - HAND.deflection_mm(FORCE_N)
+    found = close(width_mm, FORCE_N, half=0.02, gain_sd=0.01, law_sd=0.02, floor_n=0.02).closing
+    # As a damage model is trained: over the upper half of the force, from a recorded closing.
+    curve = ClosingCurve()
+    fine_mm = np.linspace(0.0, deformed_mm[-1], 500)
+    states = [s for x in fine_mm for s in curve.push(float(x), force_n=float(2 * x**exponent))]
+    assert found.value == pytest.approx(np.exp(states[-1].log_stiffness), rel=0.07)
+    assert found.low < np.exp(states[-1].log_stiffness) < found.high
 
 
 def test_single_reading_bounds_size_and_stiffness() -> None:

@@ -18,6 +18,7 @@ _STUDY_TEXTS = {
     "hydrogel": "Force of a real hydrogel sensor in a robot's force loop, held-out recordings",
     "strokes": "Force of real Velostat touched by pins, held-out sensors",
     "ripeness": "Stages and days to ripe of avocados on the twin",
+    "fruit-grip": "Real fruit gripped by the simulated hand, with a damage limit or a fixed cap",
     "rupture": "Stopping before rupture when closing on real fruit",
     "realism": "The twin's scatter compared with real recordings",
     "bruise": "Bruised and sound apples, simulated",
