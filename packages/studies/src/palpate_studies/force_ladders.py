@@ -17,9 +17,13 @@ from scipy.stats import t as student_t
 
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
+from palpate.calibration import ForcePairs
 from palpate.errors import InputError
 from palpate.force.force_law import build_settled_inputs
+from palpate.force.of_calibration import HORIZON_S, fit_sheet_law
+from palpate.force.sheet_states import build_settled_states
 from palpate.measurement import half_width_sds
+from palpate.sensor.array import ArrayLayout
 from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.recordings import read_runs
 from palpate_studies.report import StudyReport, Table, as_command
@@ -147,6 +151,24 @@ def predict_by_force_law(
     return _in_newtons(value, half_width_sds(LEVEL) * sd)
 
 
+def predict_by_calibration(
+    one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]
+) -> Predicted:
+    """Predict with the law that `palpate calibrate force` fits to the given steps alone."""
+    excess, force_n = one.excess_s * one.rest_ohm, one.load_n[given]
+    pairs = ForcePairs(
+        run=tuple(range(force_n.size)),
+        since_move_s=(HORIZON_S,) * force_n.size,
+        excess=tuple(excess[given]),
+        relative_percent=tuple(one.relative_percent[given]),
+        force_n=tuple(force_n),
+        pixel_excess=tuple((each,) for each in excess[given]),
+    )
+    layout = ArrayLayout(name=one.name, rows=1, cols=1, finger_of_row=(0,))
+    law = fit_sheet_law(pairs, layout=layout)
+    return law.force_n(build_settled_states(excess[:, None]), level=LEVEL)
+
+
 def make_known_contact(ladder: Ladder) -> KnownContact:
     """Return a ladder as training data of a population."""
     return KnownContact(inputs=ladder.inputs, force_n=ladder.load_n, place=ladder.name)
@@ -180,6 +202,7 @@ MODELS: Mapping[str, Model] = {
     "power": predict_by_power_law,
     "own_power": predict_by_own_power_law,
     "pooled": predict_without_weights,
+    "calibration": predict_by_calibration,
     "ours": predict_by_force_law,
 }
 
