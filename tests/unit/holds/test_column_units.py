@@ -105,6 +105,18 @@ def test_loose_wire_ends_no_hold() -> None:
         assert hold.time_s[-1] > 35.0
 
 
+@pytest.mark.parametrize("mark", [".", ","])
+def test_labview_states_the_interval_of_rows_without_times(mark: str, tmp_path: Path) -> None:
+    head = f"LabVIEW Measurement\nX_Columns\tNo\n***End_of_Header***\n\nX0\t1{mark}5\t1{mark}5\n"
+    head += f"Delta_X\t0{mark}02\t0{mark}02\n***End_of_Header***\nX_Value\tPad A\tPad B\tComment\n"
+    rows = "".join(f"\t{9 - at:.2f}\t{9 + at:.2f}\t\n".replace(".", mark) for at in TIMES)
+    path = tmp_path / "run.lvm"
+    path.write_text(head + rows)
+    found = read_recording(path)
+    np.testing.assert_allclose(found.time_s, 1.5 + 0.02 * np.arange(TIMES.size))
+    assert [*found.columns] == ["Pad A", "Pad B"]
+
+
 def loads_table(name: str) -> Table:
     return table_of_arrays({name: [0.0, 1.0, 2.0], "R": [9.0, 5.0, 4.0]}, name="t")
 
