@@ -78,7 +78,19 @@ _OTHERS |= {"phase", "touch", "trial", "label", "moving", "oversampling", "curre
 _OTHERS |= {"date", "count", "number", "no", "unnamed", "event", "events", "location"}
 _OTHERS |= {"strain", "extension", "elongation", "travel", "crosshead", "stroke", "depth", "speed"}
 _OTHERS |= {"dehnung", "weg", "kraft", "standardkraft", "kg", "grams", "angle", "cycle", "cycles"}
-_OTHERS |= {"batterie", "akku", "vbat", "vbatt", "bat", "supply", "vcc", "temperatur", "feuchte"}
+_OTHERS |= {
+    "duration",
+    "dauer",
+    "batterie",
+    "akku",
+    "vbat",
+    "vbatt",
+    "bat",
+    "supply",
+    "vcc",
+    "temperatur",
+    "feuchte",
+}
 #: Settings of an instrument.
 _OTHERS |= {"range", "bereich", "messbereich", "gain", "threshold", "setpoint", "limit", "ref"}
 _OTHERS |= {"battery", "total", "step", "segment", "block", "pass", "line", "seq", "nr", "rssi"}
@@ -266,9 +278,11 @@ def names_sensor(name: str) -> bool:
 
 def _is_other(name: str) -> bool:
     known = find_bracketed_unit(name)
-    others = bool(_OTHERS & {*split_words(name)})
+    # Cells or a header in ohm show that a column "Sample" has samples and no numbers of rows.
+    others = _OTHERS - (_INDICES if known is not None and known.quantity == "ohm" else set())
     is_conductance = bool(CONDUCTANCES & {*find_brackets(name)})
-    return others or (known is not None and known.quantity is None and not is_conductance)
+    is_other = known is not None and known.quantity is None and not is_conductance
+    return is_other or bool(others & {*split_words(name)})
 
 
 def match_name(names: Iterable[str], wanted: str) -> str | None:

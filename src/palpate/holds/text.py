@@ -454,6 +454,9 @@ def detect_layout(
     above = [index for index in filled if index < first]
     while above and len(rows[above[-1]]) == width and _has_number(rows[above[-1]], form):
         first = above.pop()
+    # A row without its last field is no header either, if one precedes it.
+    while len(above) > 1 and len(rows[above[-1]]) > 1 and all(map(is_number, rows[above[-1]])):
+        first = above.pop()
     names, header = form.names, list[list[str]]()
     if names is None or len(names) != width:
         heads = [rows[index] for index in above]

@@ -117,6 +117,26 @@ def test_labview_states_the_interval_of_rows_without_times(mark: str, tmp_path: 
     assert [*found.columns] == ["Pad A", "Pad B"]
 
 
+def test_column_in_ohm_is_a_reading_whatever_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "meter.csv"
+    rows = "".join(f"{k},{k / 10:.1f},{9 - k / 10:.2f} kOhm,0.1\n" for k in range(20))
+    path.write_text(f"No.,time_s,Sample,Duration\n{rows}")
+    found = read_recording(path)
+    ((name, values),) = found.columns.items()
+    assert name.startswith("Sample")
+    assert values[0] == pytest.approx(9000.0)
+
+
+def test_first_row_without_its_last_field_is_no_header(tmp_path: Path) -> None:
+    path = tmp_path / "short.csv"
+    rows = "".join(f"{at:.1f};{400 + at:.1f};{500 + at:.1f}\n" for at in TIMES)
+    path.write_text(f"time_s;left_ohm;right_ohm\n-0.1;399.9\n{rows}")
+    found = read_recording(path)
+    assert [*found.columns] == ["left_ohm", "right_ohm"]
+    assert found.time_s.size == TIMES.size
+    assert any("line 2" in remark for remark in found.remarks)
+
+
 def loads_table(name: str) -> Table:
     return table_of_arrays({name: [0.0, 1.0, 2.0], "R": [9.0, 5.0, 4.0]}, name="t")
 
