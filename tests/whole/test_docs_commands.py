@@ -30,7 +30,7 @@ __all__ = ["test_commands_of_page_run"]
 EXECUTED = (
     *("index", "settle", "python", "build-a-sensor", "bring-up", "ripeness"),
     *("own-gripper-or-sensor", "architecture", "items", "bruise", "sort", "grasp-produce"),
-    *("foxglove", "force"),
+    *("foxglove", "force", "prediction"),
 )
 #: Start pages, which end with what a command must print; it is run with the page.
 STARTS = ("start-sensor", "first-grasp", "start-station")

@@ -19,7 +19,13 @@ from palpate.calibrate.attached_loads import add_cell, add_weights, read_cell
 from palpate.calibrate.loaded_sensor import LoadedPart, LoadedSensor, TableOptions
 from palpate.calibrate.settled_rows import explain_rows
 from palpate.errors import InputError
-from palpate.holds.columns import convert_to_seconds, find_recording_column
+from palpate.holds.columns import (
+    convert_to_seconds,
+    find_recording_column,
+    is_function,
+    scale_of,
+    unit_of,
+)
 from palpate.holds.formats import is_mcap
 from palpate.holds.loads import LoadColumn, find_load_column, read_weights
 from palpate.holds.recordings import ReadingTable, find_clock, read_recordings
@@ -36,6 +42,8 @@ _VOLT_BITS = 16
 _LOAD = "known load [N]"
 #: Beginning of the remark of `read_recordings` about columns that it does not predict.
 _UNUSED = "not predicted:"
+#: Loads above and readings below these belong to no sensor of this kind.
+_MOST_N, _FEWEST_OHM = 1000.0, 100.0
 #: Fewest rows of a sensor in a table of several.
 _FEWEST_SENSOR_ROWS = 3
 
@@ -93,6 +101,12 @@ def read_loaded(
                     "this column)"
                 )
     is_settled = clock is None and options.interval_s is None
+    pressures = [name for name in table.numeric() if unit_of(name) == "pascal"]
+    if is_settled and require_loads and own is None and not given and pressures:
+        raise InputError(
+            f"{table.name}: {', '.join(pressures)[:120]}: a pressure is no load; multiply it by "
+            "the loaded area and name the column load_n"
+        )
     listed = None if weights is None else read_weights(weights, unit=options.load_unit)
     if is_settled and listed is not None and listed.load_n.size == table.rows:
         own, listed = LoadColumn(name="", load_n=listed.load_n, taken=listed.taken), None
@@ -107,6 +121,8 @@ def read_loaded(
     if is_settled and (own is not None or not require_loads):
         # Rows of settled readings have no clock, and the reader needs one.
         options = replace(options, interval_s=1.0)
+    if own is not None:
+        _check_swapped(table, own)
     tables = _split_sensors(table) if is_settled else [table]
     sensors = [_read_sensor(one, options, is_settled=is_settled) for one in tables]
     if cell is not None:
@@ -114,6 +130,20 @@ def read_loaded(
     if listed is not None:
         sensors = [add_weights(one, listed, table=table, clock=clock) for one in sensors]
     return [replace(one, taken=[*taken, *apart, *one.taken]) for one in sensors]
+
+
+def _check_swapped(table: Table, loads: LoadColumn) -> None:
+    """Raise `InputError` if the loads would be ohms, and the ohms loads."""
+    largest_n = float(np.nanmax(loads.load_n, initial=0.0))
+    for name in table.numeric():
+        if name not in (_LOAD, loads.name) and unit_of(name) == "ohm":
+            ohm = scale_of(name) * table.columns[name]
+            ohm = ohm[np.isfinite(ohm)]
+            if largest_n > _MOST_N and ohm.size and ohm.max() < _FEWEST_OHM:
+                raise InputError(
+                    f"{table.name}: loads up to {largest_n:.3g} N and readings up to "
+                    f"{ohm.max():.3g} ohm; the columns {loads.name} and {name} seem to be swapped"
+                )
 
 
 def _read_source(source: Any, options: TableOptions) -> Table:
@@ -223,6 +253,12 @@ def _check_columns(
             "--value-column"
         )
     (unit,) = units
+    functions = [name for name in columns if is_function(name)]
+    if unit is None and functions:
+        raise InputError(
+            f"{where}: {', '.join(functions)[:120]}: a function of a reading gives no force; give "
+            "the readings themselves, such as ohms or counts"
+        )
     if unit in ("newton", "pascal"):
         raise InputError(
             f"{where}: {', '.join(columns)[:120]}: no column of readings besides loads; choose one "

@@ -18,12 +18,14 @@ from palpate.holds.columns import (
     is_index,
     match_name,
     names_sensor,
+    split_words,
     time_unit_of,
+    unit_of,
 )
 from palpate.holds.decimals import is_number
 from palpate.holds.moments import is_moment
 from palpate.holds.table import Table, find_runs, label_text
-from palpate.holds.units import find_multiple
+from palpate.holds.units import find_unreadable_unit
 
 #: Name of the clock made from an interval, and fewest rows from which a column may be a counter.
 COUNTED = "row"
@@ -227,13 +229,25 @@ def _is_row_number(table: Table, name: str) -> bool:
 
 
 def check_units(values: Sequence[str], *, file: str) -> None:
-    """Raise `InputError` if a column is in a multiple of a unit."""
+    """Raise `InputError` if the unit of a column is a multiple, or not understood."""
     for name in values:
-        multiple = find_multiple(name)
-        if multiple is not None:
+        unreadable = find_unreadable_unit(name)
+        if unreadable is not None:
             raise InputError(
-                f"{file}: column {name}: readings in {multiple!a} can't be converted; convert "
-                "them, or give their unit with --unit"
+                f"{file}: column {name}: readings in {unreadable!a} can't be converted; write "
+                "their unit in plain letters (kOhm), or convert them and say --unit"
+            )
+
+
+def check_fractions(table: Table, values: Sequence[str]) -> None:
+    """Raise `InputError` if a relative change without % in its name may be a fraction."""
+    for name in values:
+        known = table.columns[name][np.isfinite(table.columns[name])]
+        is_small = known.size > 0 and float(np.abs(known).max()) <= 1.0
+        if is_small and unit_of(name) == "percent" and not {"%", "percent"} & {*split_words(name)}:
+            raise InputError(
+                f"{table.name}: column {name}: {known.min():.3g} to {known.max():.3g} may be "
+                "percent or fractions; say --unit percent, or multiply fractions by 100"
             )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.holds.moments import parse_datetimes, parse_moments
 from palpate.holds.units import (
+    CONDUCTANCES,
     PER_SECOND,
     TIME_UNITS,
     UNITS,
@@ -19,8 +20,8 @@ from palpate.holds.units import (
     Unit,
     find_bracketed_unit,
     find_brackets,
-    find_multiple,
     find_unit,
+    find_unreadable_unit,
 )
 
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns", "unix"]
@@ -58,6 +59,16 @@ _PREFIXED = re.compile(
 )
 #: Last word of a name that is a unit of weight, such as load_g.
 _WEIGHT = re.compile(r"[ _](mg|g|gf|kg|kgf|lbf?|lbs|oz)$")
+#: Words of a function of a reading, which is in another unit than the reading.
+_LOG_WORDS = {"log", "ln", "lg", "exp", "sqrt"}
+_RATIO_WORDS = {"norm", "normed", "normalized", "normalised", "normiert", "ratio", "reciprocal"}
+#: Signs of one: R/R0, dR/dt, 1/R, R², R^2, dB.
+_FUNCTION = re.compile(
+    r"(?<![^\W_])[dΔ∆δ]?([^\W\d_])\w* ?/ ?[dΔ∆δ]?(\1|t\b)|(?<![\w.])1 ?/|[²³]|\^|\bdB",
+    re.IGNORECASE,
+)
+#: A note such as "(S/N: 204)" or "(mean N=5)", whose letters are no units.
+_NOTE = re.compile(r"[\[(][^\])]*[:#=]\s*\w*\d[^\])]*[\])]|\bS/N\b", re.IGNORECASE)
 _READINGS = {"value", "values", "reading", "readings", "sensor", "signal", "fsr", "velostat"}
 _READINGS |= {"pixel", "taxel", "pressure", "conductance", "ch", "channel", "s", "p", "wert"}
 #: Columns that often accompany sensor readings but are not sensor readings.
@@ -67,7 +78,19 @@ _OTHERS |= {"phase", "touch", "trial", "label", "moving", "oversampling", "curre
 _OTHERS |= {"date", "count", "number", "no", "unnamed", "event", "events", "location"}
 _OTHERS |= {"strain", "extension", "elongation", "travel", "crosshead", "stroke", "depth", "speed"}
 _OTHERS |= {"dehnung", "weg", "kraft", "standardkraft", "kg", "grams", "angle", "cycle", "cycles"}
-_OTHERS |= {"batterie", "akku", "vbat", "vbatt", "bat", "supply", "vcc", "temperatur", "feuchte"}
+_OTHERS |= {
+    "duration",
+    "dauer",
+    "batterie",
+    "akku",
+    "vbat",
+    "vbatt",
+    "bat",
+    "supply",
+    "vcc",
+    "temperatur",
+    "feuchte",
+}
 #: Settings of an instrument.
 _OTHERS |= {"range", "bereich", "messbereich", "gain", "threshold", "setpoint", "limit", "ref"}
 _OTHERS |= {"battery", "total", "step", "segment", "block", "pass", "line", "seq", "nr", "rssi"}
@@ -113,7 +136,7 @@ def split_words(name: str) -> list[str]:
     >>> split_words("timeMs"), split_words("Resistance [kΩ]"), split_words("r0c1_ohm")
     (['time', 'ms'], ['resistance', 'kω'], ['r', '0', 'c', '1', 'ohm'])
     """
-    separated = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    separated = re.sub(r"([a-z])([A-Z])", r"\1 \2", _NOTE.sub(" ", name))
     return re.findall(r"\d+|%|[^\W\d_]+", separated.lower())
 
 
@@ -190,8 +213,10 @@ def scale_of(name: str) -> float:
 
 
 def find_named_unit(name: str) -> NamedUnit | None:
-    """Return the unit in a name, if any."""
+    """Return the unit in a name, if any; a function of a reading has another quantity."""
     bracketed = find_bracketed_unit(name)
+    if is_function(name):
+        return NamedUnit(quantity=None)
     if bracketed is not None:
         return bracketed
     found = _PREFIXED.findall(re.sub(r"([a-z])([A-Z])", r"\1 \2", name))
@@ -207,6 +232,21 @@ def find_named_unit(name: str) -> NamedUnit | None:
         return find_unit(weight[1])
     # A column may have the name of its unit; one letter is more often the name of a sensor.
     return find_unit(name) if name in UNITS and (len(name) > 1 or name in "NgVΩ%") else None
+
+
+def is_function(name: str) -> bool:
+    """Return whether a column is a function of a reading, such as a logarithm or a ratio.
+
+    >>> [is_function(name) for name in ("ln_R_ohm", "R/R0", "dR/R0 [%]", "R/kOhm", "R (N/mm²)")]
+    [True, True, False, False, False]
+    """
+    unit, words = find_bracketed_unit(name), {*split_words(name)}
+    if find_unit(name) is not None or (unit is not None and unit.quantity == "percent"):
+        return False
+    # The signs of a unit in brackets, such as N/mm², are its own.
+    plain = _NOTE.sub(" ", name) if unit is None else re.sub(r"[\[(<{].*?[\])>}]", " ", name)
+    is_ratio = unit is None and bool(_RATIO_WORDS & words)
+    return is_ratio or bool(_LOG_WORDS & words) or _FUNCTION.search(plain) is not None
 
 
 def is_load(name: str) -> bool:
@@ -238,8 +278,11 @@ def names_sensor(name: str) -> bool:
 
 def _is_other(name: str) -> bool:
     known = find_bracketed_unit(name)
-    others = bool(_OTHERS & {*split_words(name)})
-    return others or (known is not None and known.quantity is None)
+    # Cells or a header in ohm show that a column "Sample" has samples and no numbers of rows.
+    others = _OTHERS - (_INDICES if known is not None and known.quantity == "ohm" else set())
+    is_conductance = bool(CONDUCTANCES & {*find_brackets(name)})
+    is_other = known is not None and known.quantity is None and not is_conductance
+    return is_other or bool(others & {*split_words(name)})
 
 
 def match_name(names: Iterable[str], wanted: str) -> str | None:
@@ -340,10 +383,10 @@ def convert_to_seconds(
 def _check_clock(known: NDArray[np.float64], *, name: str, file: str) -> None:
     """Raise `InputError` if a clock's unit can't be converted, or it isn't a count."""
     bracketed = [text for text in find_brackets(name) if _UNKNOWN_TIMES.fullmatch(text)]
-    multiple = find_multiple(name) or next(iter(bracketed), None)
-    if multiple is not None:
+    unknown = find_unreadable_unit(name) or next(iter(bracketed), None)
+    if unknown is not None:
         raise InputError(
-            f"{file}: column {name}: times in {multiple!a} can't be converted; convert them to "
+            f"{file}: column {name}: times in {unknown!a} can't be converted; convert them to "
             "seconds, or choose another --time-column"
         )
     low, high = _DIGITS_OF_DATE

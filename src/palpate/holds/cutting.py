@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
@@ -23,6 +24,8 @@ _MAX_SATURATED_FRACTION = 0.05
 _MIN_READINGS = 2
 #: A loose wire occasionally reads 0. With more such readings, the column isn't a resistance.
 MAX_NEGATIVE_FRACTION = 0.02
+#: The number that a logger writes for an open circuit; a few of them are a loose wire.
+_OVERRANGE = re.compile(r"9{4,}(\.9+)?")
 #: Smallest and largest counts of converters with 8 to 16 bits.
 _CONVERTER_ENDS = {0.0, *(2.0**bits - 1 for bits in range(8, 17))}
 
@@ -164,6 +167,12 @@ def _select_usable(
 ) -> tuple[Unit | None, NDArray[np.bool_]]:
     """Return the unit (None if the values contradict it) and a mask of usable readings."""
     finite = np.isfinite(values)
+    levels, counts = np.unique(values[finite], return_counts=True)
+    if unit == "ohm" and levels.size > 1 and _OVERRANGE.fullmatch(f"{levels[-1]:.12g}"):
+        over = int(counts[-1])
+        if over <= MAX_NEGATIVE_FRACTION * finite.sum() and levels[-1] > 2.0 * levels[-2]:
+            remarks.append(f"{over} readings of {levels[-1]:.12g} were omitted, as of a loose wire")
+            finite &= values < levels[-1]
     below = int(np.sum(values[finite] <= 0))
     if unit != "ohm" or below == 0:
         return unit, finite

@@ -25,7 +25,7 @@ from palpate.holds.columns import (
 from palpate.holds.moments import parse_moments
 from palpate.holds.table import Table
 from palpate.holds.table_files import list_sheets, read_table_file, table_of_arrays
-from palpate.holds.units import UNITS
+from palpate.holds.units import UNITS, find_unreadable_unit
 
 LoadUnit: TypeAlias = Literal["N", "g", "kg"]
 #: Seconds of a clock from which it counts from 1970 (a date of 1973).
@@ -239,6 +239,12 @@ def _factor_of(name: str, stated: LoadUnit | None, *, where: str) -> tuple[float
     """Return the newtons of one unit of a column, and the unit in words."""
     if stated is not None:
         return UNITS[stated][1], stated
+    unreadable = find_unreadable_unit(name)
+    if unreadable is not None:
+        raise InputError(
+            f"{where}: column {name}: loads in {unreadable!a} can't be converted; convert them, or "
+            "give --load-unit N, g or kg"
+        )
     if unit_of(name) != "newton":
         raise InputError(
             f"{where}: column {name} has no unit; give --load-unit N, g or kg, or name it load_n, "

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.holds.chosen_columns import (
     COUNTED,
+    check_fractions,
     check_units,
     find_clock_column,
     find_value_columns,
@@ -26,6 +27,7 @@ from palpate.holds.columns import (
     convert_to_seconds,
     find_clocks,
     find_recording_column,
+    is_function,
     names_sensor,
     scale_of,
     time_unit_of,
@@ -202,6 +204,13 @@ def read_recordings(
     values = find_value_columns(table, clock, value_columns, remarks=remarks)
     if unit is None:
         check_units(values, file=table.name)
+        check_fractions(table, values)
+        remarks += [
+            f"{name} is a function of a reading and is predicted as it is, without a unit; --unit "
+            "overrides this"
+            for name in values
+            if is_function(name)
+        ]
     if not value_columns:
         remarks += name_unused(table, values, clock)
     found: list[ReadingTable] = []

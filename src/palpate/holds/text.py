@@ -243,12 +243,31 @@ def read_text(
         )
         layout.form.left_out.clear()
         found = gather_rows(rows, layout, name=name, decimal=decimal)
+        found = _fill_clock(found, raw[: layout.first])
         found.omissions.extend(
             f"{label} has no reading in the first {SAMPLE_ROWS} lines; its later ones were omitted"
             for label, count in layout.form.left_out.items()
             if is_repeated(count, found.rows)
         )
         return found
+
+
+def _fill_clock(found: Table, above: Sequence[str]) -> Table:
+    """Return a table with the times of an empty X_Value, from the interval that LabVIEW states."""
+    clock = found.columns.get("X_Value")
+    stated = {"X0": {0.0}, "Delta_X": set[float]()}
+    for line in above:
+        key, _, rest = line.partition("\t")
+        if key in stated:
+            stated[key] = {float(one) for one in rest.replace(",", ".").split() if is_number(one)}
+    if clock is None or clock.dtype != np.float64 or np.isfinite(clock).any():
+        return found
+    starts, steps = stated.values()
+    # Channels of different rates have no common clock.
+    if not len(starts) == len(steps) == 1:
+        return found
+    times = starts.pop() + steps.pop() * np.arange(found.rows)
+    return replace(found, columns={**found.columns, "X_Value": times})
 
 
 def _find_names(lines: Sequence[str], layout: Layout, *, name: str) -> list[str]:
@@ -434,6 +453,9 @@ def detect_layout(
     # Rows with a number above the first full row are data too, such as those of an open sensor.
     above = [index for index in filled if index < first]
     while above and len(rows[above[-1]]) == width and _has_number(rows[above[-1]], form):
+        first = above.pop()
+    # A row without its last field is no header either, if one precedes it.
+    while len(above) > 1 and len(rows[above[-1]]) > 1 and all(map(is_number, rows[above[-1]])):
         first = above.pop()
     names, header = form.names, list[list[str]]()
     if names is None or len(names) != width:

@@ -58,9 +58,12 @@ UNITS: dict[str, tuple[Unit, float]] = {**_PREFIXED, **_PLAIN}
 #: Units of quantities that are not readings of a pressure sensor.
 OTHER_UNITS = {"%RH", "1/s", "A", "bit", "bits", "C", "cm", "dB", "deg", "deg.C", "degC", "degF"}
 OTHER_UNITS |= {"F", "H", "Hz", "in", "inch", "J", "K", "kHz", "lux", "lx", "m", "m/s", "m/s2"}
-OTHER_UNITS |= {"m/s²", "mA", "MHz", "mil", "mm", "mm/min", "mm/mm", "mm/s", "mm2", "mm²", "mS"}
-OTHER_UNITS |= {"mW", "N/m", "N/mm", "nA", "nF", "Nm", "nm", "nS", "N·m", "pF", "rad", "rpm", "S"}
-OTHER_UNITS |= {"uA", "uF", "um", "uS", "W", "°", "°C", "°F", "µA", "µF", "µm", "µS", "μm", "℃"}
+OTHER_UNITS |= {"m/s²", "mA", "MHz", "mil", "mm", "mm/min", "mm/mm", "mm/s", "mm2", "mm²"}
+OTHER_UNITS |= {"mW", "N/m", "N/mm", "nA", "nF", "Nm", "nm", "N·m", "pF", "rad", "rpm"}
+OTHER_UNITS |= {"uA", "uF", "um", "W", "°", "°C", "°F", "µA", "µF", "µm", "μm", "℃"}
+#: Units of conductance, which rises with the load; such a column is a reading without a unit.
+CONDUCTANCES = {"S", "mS", "uS", "µS", "μS", "nS"}
+OTHER_UNITS |= CONDUCTANCES
 _TIME_UNITS = {
     "s": ("s", "sec", "secs", "second", "seconds"),
     "ms": ("ms", "msec", "msecs", "millis", "millisec", "millisecond", "milliseconds"),
@@ -91,6 +94,13 @@ _BRACKETS = re.compile(r"[\[(<{]\s*([^\[\](){}<>]{1,16}?)\s*[\])>}]")
 _MULTIPLE = re.compile(
     r"[GMKkmuµμ]|(?:[x*×·] *)?\d[\d.,/^e+-]*(?: *[x*×·])? *[^\W\d]+|[^\W\d]+ *[x*×·/] *\d[\d.,^]*"
 )
+
+
+#: A part of a name that isn't a unit of ours, but has the form of one: a prefix with a sign that
+#: another encoding made of an ohm.
+_GARBLED = re.compile("[GMKkmuµμ][\x80-\u024f\u0370-\u03ff\u2000-\u2122\u25a0-\u25ff\ufffd]{1,3}")
+#: A label in brackets in a Latin alphabet, such as "außen".
+_LABEL = re.compile(r"[ -~À-ÖØ-öø-ž]{4,}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,18 +142,30 @@ def find_bracketed_unit(name: str) -> NamedUnit | None:
     return found[-1] if found else None
 
 
-def find_multiple(name: str) -> str | None:
-    """Return a multiple of a unit in the brackets of a name, which can't be converted, if any.
+def find_unreadable_unit(name: str) -> str | None:
+    """Return a unit in a name that can't be converted, if any.
 
-    >>> find_multiple("Force [0.1 N]"), find_multiple("R [k]"), find_multiple("R [kOhm] (pad 2)")
-    ('0.1 N', 'k', None)
+    It is a multiple of a unit, or has characters that are not understood: a file in another
+    encoding may have written them for an ohm sign.
+
+    >>> [find_unreadable_unit(name) for name in ("R [0.1 N]", "R [k]", "R [kOhm] (2)", "R_kê")]
+    ['0.1 N', 'k', None, 'kê']
     """
     for text in find_brackets(name):
         words = re.findall(r"[^\W\d]+", text)
-        known = [word for word in words if find_unit(word) or word.lower() in TIME_UNITS]
-        if find_unit(text) is None and _MULTIPLE.fullmatch(text) and (known or len(text) == 1):
+        known = [*filter(_is_known, words)]
+        if _is_known(text):
+            continue
+        if _MULTIPLE.fullmatch(text) and (known or len(text) == 1):
             return text
-    return None
+        if not (text.isascii() or known or _LABEL.fullmatch(text)):
+            return text
+    parts = re.split(r"[\s,;_/()\[\]]+", name)
+    return next((part for part in parts if _GARBLED.fullmatch(part) and not _is_known(part)), None)
+
+
+def _is_known(text: str) -> bool:
+    return find_unit(text) is not None or text.lower() in TIME_UNITS
 
 
 def is_unit_field(text: str) -> bool:
