@@ -96,6 +96,12 @@ class HoldSource:
         """
         is_known = file in self._warned
         for hold in self._read(file, until_s=until_s, progress=progress):
+            if not is_known and hold.time_s[0] >= until_s:
+                is_known = True
+                print_message(
+                    f"palpate: {file}: hold {hold.hold_id} begins at {hold.time_s[0]:g} s, but "
+                    "time_s must count from the contact; subtract each hold's first time"
+                )
             if not is_known and len(hold.time_s) > 1:
                 step_s = float(np.median(np.diff(hold.time_s)))
                 if is_known := step_s > _MAX_STEP_S:

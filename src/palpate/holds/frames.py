@@ -37,6 +37,9 @@ _SPREAD_ROWS = 3
 #: this many rows may be between two restarts at least.
 _RESTART_FRACTION, _FEWEST_PART_ROWS = 0.5, 3
 
+#: A clock change, and the slowest readings with which a pause of an hour isn't taken for one.
+_HOUR_S, _SLOWEST_S = 3600.0, 4.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frames:
@@ -270,6 +273,26 @@ def _differs_within(values: NDArray[np.float64], number: NDArray[np.intp]) -> bo
     spread = np.maximum.reduceat(values, starts) - np.minimum.reduceat(values, starts)
     low, high = np.quantile(values, [0.01, 0.99])
     return bool(high > low and np.median(spread[several]) > _DIFFERENT * (high - low))
+
+
+def join_clock_change(
+    time_s: NDArray[np.float64], places: Sequence[str], *, remarks: list[str]
+) -> NDArray[np.float64]:
+    """Return times of day without the hour that the clock was set back or forward.
+
+    >>> join_clock_change(np.array([0, 1, 2, -3597, -3596.0]), ["line"] * 5, remarks=[]).tolist()
+    [0.0, 1.0, 2.0, 3.0, 4.0]
+    """
+    steps = np.diff(time_s)
+    usual = float(np.median(np.abs(steps))) if steps.size else 0.0
+    if not 0.0 < usual <= _SLOWEST_S:
+        return time_s
+    hours = np.sign(steps) * (np.abs(np.abs(steps - usual) - _HOUR_S) <= 2.0 * usual)
+    if not hours.any():
+        return time_s
+    row = int(np.flatnonzero(hours)[0]) + 1
+    remarks.append(f"the clock was changed by an hour at {places[row]}; the times continue there")
+    return time_s - _HOUR_S * np.concatenate(([0.0], np.cumsum(hours)))
 
 
 def split_restarts(

@@ -38,6 +38,7 @@ from palpate.holds.frames import (
     Frames,
     check_blocks,
     find_sensor_column,
+    join_clock_change,
     merge_repeats,
     split_by_label,
     split_frames,
@@ -288,6 +289,8 @@ def _read_rows(
         return [("", split_by_label(time_s, columns, texts[sensor], column=sensor, where=where))]
     places = [table.place(rows.start + int(row)) for row in known]
     is_date = table.columns[clock].dtype != np.float64
+    if is_date:
+        time_s = join_clock_change(time_s, places, remarks=notes)
     stretches = split_restarts(time_s, places, is_date=is_date, where=where, remarks=notes)
     parts = [
         (

@@ -52,6 +52,16 @@ def test_settle_predicts_every_hold_and_scores_those_with_a_settled_value(
     assert " 6 of 8 " in palpate("settle", holds_csv).out
 
 
+def test_settle_names_a_hold_that_begins_after_the_horizon(
+    tmp_path: Path, palpate: Command
+) -> None:
+    path = tmp_path / "late.csv"
+    rows = "".join(f"a,{60 + k / 10:.1f},{9 - k / 100:.2f}\n" for k in range(250))
+    path.write_text("hold_id,time_s,value\n" + rows)
+    assert "hold a begins at 60 s" in palpate("settle", path).err
+    assert "begins" not in palpate("settle", path, "--horizon", 80).err
+
+
 def test_settle_fit_on_changes_intervals_but_not_predictions(
     holds_csv: Path, palpate: Command
 ) -> None:

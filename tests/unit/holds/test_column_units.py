@@ -137,6 +137,15 @@ def test_first_row_without_its_last_field_is_no_header(tmp_path: Path) -> None:
     assert any("line 2" in remark for remark in found.remarks)
 
 
+@pytest.mark.parametrize("hour", [-1, 1])
+def test_change_of_the_clock_ends_no_recording(hour: int) -> None:
+    clock = np.datetime64("2026-01-05T02:10") + np.arange(60) * np.timedelta64(500, "ms")
+    clock[23:] += np.timedelta64(hour, "h")
+    found = read_recording({"time": clock.astype(str), "R": np.arange(60.0)})
+    np.testing.assert_allclose(found.time_s, 0.5 * np.arange(60))
+    assert any("clock" in remark for remark in found.remarks)
+
+
 def loads_table(name: str) -> Table:
     return table_of_arrays({name: [0.0, 1.0, 2.0], "R": [9.0, 5.0, 4.0]}, name="t")
 
