@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from packages.station.tests.loop.test_line import free_port
 
 
 @pytest.mark.slow
@@ -29,3 +30,23 @@ def test_serve_unlearned_class_and_taken_port_are_reported(tmp_path: Path) -> No
     assert f"{rules} line 2: class 'avocadoo' has fewer than 3 labelled items" in ended.stderr
     assert f"127.0.0.1:{port}: Address already in use" in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.slow
+def test_serve_with_one_port_for_two_protocols_ends_with_one_line(tmp_path: Path) -> None:
+    port = str(free_port())
+    command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve"]
+    for protocols in (("--port", port, "--modbus", port), ("--opcua", port, "--modbus", port)):
+        if "--port" not in protocols:
+            command += ["--port", "0"]
+        ended = subprocess.run(
+            [*command, *protocols, "--rig", "sim-rigid"],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            check=False,
+            timeout=120,
+        )
+        assert ended.returncode == 3
+        assert f"Modbus TCP at 127.0.0.1:{port} can't start" in ended.stderr
+        assert "Traceback" not in ended.stderr

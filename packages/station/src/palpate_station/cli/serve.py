@@ -314,6 +314,11 @@ async def _start(
 ) -> Line:
     """Start a station and print its host and port in the format `text`."""
     station = station_of(machine)
-    actual_port = await station.start(host, port)
+    try:
+        actual_port = await station.start(host, port)
+    except (OSError, RuntimeError) as error:
+        raise DeviceError(
+            f"{text.format(host, port)} can't start ({error}); give each protocol a port of its own"
+        ) from error
     print_message(f"palpate serve: {text.format(host, actual_port)}")
     return station

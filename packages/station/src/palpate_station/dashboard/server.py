@@ -8,7 +8,7 @@ import os
 import tempfile
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -134,6 +134,7 @@ def serve(
         failures.append(text)
         server.should_exit = True
 
+    _end_after_failed_start(app, end_after_failure)
     if settings.exit_after_s is not None:
         _add_watchdog(app, monitor, limit_s=settings.exit_after_s, on_failure=end_after_failure)
     # A full collection of all imported objects would block every thread for 0.1 s.
@@ -142,6 +143,25 @@ def serve(
         server.run(sockets=[listening])
     if failures:
         raise DeviceError(failures[0])
+
+
+def _end_after_failed_start(app: FastAPI, on_failure: Callable[[str], None]) -> None:
+    """Undo a start that fails, and end with one line; the server would run on without pages."""
+    starts, router = list(app.router.on_startup), app.router
+
+    async def start() -> None:
+        try:
+            for one in starts:
+                if (waiting := one()) is not None:
+                    await waiting
+        except Exception as error:
+            for end in router.on_shutdown:
+                with suppress(Exception):
+                    if (waiting := end()) is not None:
+                        await waiting
+            on_failure(str(error) or repr(error))
+
+    router.on_startup[:] = [start]
 
 
 def _add_stop_route(app: FastAPI, app_state: AppState) -> None:
