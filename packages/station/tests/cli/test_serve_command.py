@@ -17,7 +17,10 @@ def test_serve_unlearned_class_and_taken_port_are_reported(tmp_path: Path) -> No
         port = str(taken.getsockname()[1])
         command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve"]
         rules = tmp_path / "rules.toml"
-        rules.write_text('default = "x"\n[[rule]]\nbin = "y"\nclass = "avocadoo"\n')
+        rules.write_text(
+            'default = "x"\n[[rule]]\nbin = "y"\nclass = "avocadoo"\n'
+            '[[rule]]\nbin = "z"\nripeness = ["ripe", "ripee"]\n'
+        )
         ended = subprocess.run(
             [*command, "--port", port, "--rules", str(rules), "--rig", "sim-rigid"],
             capture_output=True,
@@ -28,6 +31,8 @@ def test_serve_unlearned_class_and_taken_port_are_reported(tmp_path: Path) -> No
     assert ended.returncode == 3
     # Without labelled items no item can have this class.
     assert f"{rules} line 2: class 'avocadoo' has fewer than 3 labelled items" in ended.stderr
+    assert f"{rules} line 5: ripeness 'ripee' is no stage" in ended.stderr
+    assert "'ripe'" not in ended.stderr
     assert f"127.0.0.1:{port}: Address already in use" in ended.stderr
     assert "Traceback" not in ended.stderr
 

@@ -85,7 +85,10 @@ def write_log(folder: Path) -> Iterator[None]:
         listener.stop()
 
 
-_LINE = logging.Formatter("%(asctime)s %(levelname)s palpate serve: %(message)s")
+#: With the time zone, because the audit and the API have UTC.
+_LINE = logging.Formatter(
+    "%(asctime)s %(levelname)s palpate serve: %(message)s", datefmt="%Y-%m-%d %H:%M:%S%z"
+)
 
 
 class _JournalFormatter(logging.Formatter):

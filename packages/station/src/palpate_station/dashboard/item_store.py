@@ -324,6 +324,13 @@ class ItemStore:
             return ()
         return () if found is None else found.kinds
 
+    def known_stages(self) -> tuple[str, ...]:
+        """Return the built-in stages of ripeness, and those that items were labelled with."""
+        verdicts = (
+            self._read(lambda store: store.verdicts(About.RIPENESS, source=Source.PERSON)) or ()
+        )
+        return (*STAGES, *(one.text for one in verdicts))
+
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
         """Read from the store; None without a store."""
         try:
