@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import socket
 import subprocess
 import sys
@@ -34,6 +35,23 @@ def test_serve_unlearned_class_and_taken_port_are_reported(tmp_path: Path) -> No
     assert f"{rules} line 5: ripeness 'ripee' is no stage" in ended.stderr
     assert "'ripe'" not in ended.stderr
     assert f"127.0.0.1:{port}: Address already in use" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.slow
+def test_serve_in_the_folder_of_another_server_ends_with_one_line(tmp_path: Path) -> None:
+    with (tmp_path / ".serve.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve"]
+        ended = subprocess.run(
+            [*command, "--port", "0", "--rig", "sim-rigid", "--folder", str(tmp_path)],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+        )
+    assert ended.returncode == 3
+    assert f"--folder {tmp_path}: another palpate serve uses it" in ended.stderr
     assert "Traceback" not in ended.stderr
 
 
