@@ -86,7 +86,7 @@ def parse_address(text: str, *, option: str) -> tuple[str, int]:
     """
     host, _, port = text.rpartition(":")
     if not (port.isascii() and port.isdecimal()) or int(port) > 65535:
-        raise InputError(f"{option} {text}: give HOST:PORT or PORT, such as 127.0.0.1:4840")
+        raise InputError(f"{option} {text}: give HOST:PORT or PORT, a number up to 65535")
     return host.strip("[]") or "127.0.0.1", int(port)
 
 

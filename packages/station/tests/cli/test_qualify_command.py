@@ -107,9 +107,12 @@ def test_line_without_a_relation_is_not_saved(folder: Path, palpate: Command) ->
     rows = make_rows(related=False)
     fill_store(rows)
     references = write_csv(folder / "references.csv", rows, columns=3)
-    refused = palpate.refused(
+    out, err = palpate(
         *("qualify", references, "--measurement", "firmness", "--unit", "lbf"),
         *("--save", "lbf.json"),
+        status=2,
     )
-    assert "no relation" in refused
+    assert err.startswith("palpate: --save lbf.json: no relation")
+    # The table shows why.
+    assert "scatter" in out
     assert not (folder / "lbf.json").exists()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
+import shutil
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -31,10 +33,12 @@ from palpate_station.dashboard.messages import (
     OrderEnded,
     OrderStarted,
     StopConfirmed,
+    Trouble,
     Update,
 )
 from palpate_station.dashboard.page_document import document
 from palpate_station.dashboard.settings import Settings
+from palpate_station.line.machine import CommandRefusedError
 from palpate_station.records import About, Item
 from palpate_station.sorting.conditions import Within
 from palpate_station.sorting.rules import Rule, RuleBook
@@ -292,6 +296,32 @@ def test_grasp_that_was_stopped_before_the_hand_moved_is_in_the_history(tmp_path
             assert (found.item_id, found.outcome) == ("A1", "stopped")
 
     asyncio.run(run())
+
+
+def test_full_disk_refuses_a_grasp_and_failed_orders_are_logged_as_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def work() -> None:
+        app_state = app_state_of(tmp_path)
+        app_state.loop = asyncio.get_running_loop()
+        devices = app_state.session.devices
+        devices.rig_open, devices.live.link = True, LinkStatus(frames=9, stale=False)
+        order = {"target_force_n": None, "item_id": "A1", "kind": "", "stops": None}
+        await app_state.grasp("a", **order)
+        # The disk has become full since the order.
+        ended = OrderEnded(order=devices.order, trouble="No space left on device")
+        app_state.receive_update(Update(notes=(ended,), link=LinkStatus(frames=9, stale=False)))
+        app_state.receive_update(Update(notes=(Trouble("no frame"),), link=LinkStatus()))
+        await asyncio.sleep(0)
+        devices.live.link = LinkStatus(frames=9, stale=False)
+        full = shutil.disk_usage(tmp_path)._replace(free=1_000_000)
+        monkeypatch.setattr(shutil, "disk_usage", lambda path: full)
+        with pytest.raises(CommandRefusedError, match="the disk is full"):
+            await app_state.grasp("a", **order)
+
+    asyncio.run(work())
+    errors = [one.getMessage() for one in caplog.records if one.levelno == logging.ERROR]
+    assert errors == ["grasp A1: No space left on device", "no frame"]
 
 
 def names_in(folder: Path) -> list[str]:

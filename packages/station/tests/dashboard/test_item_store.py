@@ -154,6 +154,9 @@ def test_shared_store_that_does_not_answer_is_logged(
     assert stored.stored
     assert "the records wait in the local store" in told.get(timeout=60.0).getMessage()
     LOG.removeHandler(handler)
+    # Clients get the refusal.
+    with pytest.raises(InputError, match=r"^no item 'nobody'"):
+        item_store.page("nobody")
 
 
 def test_shared_store_that_hangs_delays_only_the_first_item(

@@ -88,10 +88,11 @@ def test_api_grasp_with_an_outdated_stop_count_is_refused(machine: Machine) -> N
     known = machine.ask("GET", "/state")[1]["stops"]
     assert machine.ask("POST", "/stop") == (200, {"stopped": True})
     status, refused = machine.ask("POST", "/grasp", {"stops": known})
-    reason = "refused: a stop has occurred since you last read the state"
-    assert (status, refused["detail"].partition(";")[0]) == (409, reason)
+    assert (status, refused["detail"].startswith("refused: a stop")) == (409, True)
     state = machine.ask("GET", "/state")[1]
     assert (state["activity"], state["stops"]) == ("watching", known + 1)
+    # A number that a client kept from before a restart may be larger.
+    assert machine.ask("POST", "/grasp", {"stops": known + 50})[0] == 409
     assert machine.ask("POST", "/grasp", {"stops": state["stops"]})[0] == 202
     machine.until(lambda at: at["phase"] is not None)
     assert machine.ask("POST", "/stop") == (200, {"stopped": True})

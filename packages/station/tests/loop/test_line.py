@@ -334,10 +334,17 @@ def test_modbus_invalid_command_or_address_returns_an_exception_and_a_reason(
             block = [200, 0xFFFF, 0xFFFF, *[0] * 6, *modbus.encode_text("A1")]
             assert not (await client.write_registers(modbus.TARGET, block)).isError()
             await client.write_registers(modbus.NEW_ITEM, [0])
-            codes = [one.exception_code for one in not_writable]
+            # Functions of bits and addresses beyond the map.
+            not_there = [
+                await client.read_coils(0, count=8),
+                await client.read_discrete_inputs(0, count=8),
+                await client.write_coil(modbus.COMMAND, True),
+                await client.read_holding_registers(modbus.REGISTER_COUNT, count=1),
+            ]
+            codes = [one.exception_code for one in not_writable + not_there]
             return wrong.exception_code, codes, modbus.decode_text(why)
 
-    assert asyncio.run(work()) == (3, [2, 2, 2], "command 9: use a number from 1 to 5")
+    assert asyncio.run(work()) == (3, [2, 2, 2, 1, 1, 1, 2], "command 9: use a number from 1 to 5")
 
 
 def test_modbus_item_is_the_text_that_was_written_or_is_refused(station: Station) -> None:
@@ -396,6 +403,7 @@ def test_opcua_invalid_force_is_refused_with_a_status_and_a_reason(station: Stat
                 with pytest.raises(ua.UaStatusCodeError) as refused:
                     await hand.call("Grasp", *arguments)
                 assert refused.value.code == code
+                assert "rgument" in await hand.value("Refusal")
             return found
 
     assert "at most 15 N" in asyncio.run(work())

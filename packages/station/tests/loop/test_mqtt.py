@@ -228,6 +228,19 @@ def test_mqtt_unusable_store_is_reported_and_results_are_still_sent(
     publisher.close()
 
 
+# The client leaves the socket of a failed handshake to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_mqtt_broker_without_tls_is_reported_as_one_that_answers(
+    broker: BrokerProcess, tmp_path: Path
+) -> None:
+    told: Queue[str] = Queue()
+    encrypted = Broker(host="127.0.0.1", port=broker.port, topic=TOPIC)
+    publisher = Publisher(encrypted, store=tmp_path / "items.sqlite", on_error=told.put)
+    publisher.start()
+    assert "answers, but not with TLS" in told.get(timeout=TIMEOUT_S)
+    publisher.close()
+
+
 def test_mqtt_outage_of_the_broker_is_reported_once_and_so_is_its_return(
     broker: BrokerProcess, tmp_path: Path
 ) -> None:

@@ -156,9 +156,9 @@ def test_https_users_act_within_their_roles_and_under_their_names(tmp_path: Path
         assert maria.ask("DELETE", "/driver")[0] == 204
         assert Machine(address, "guess", trusted=trusted).ask("GET", "/state")[0] == 403
 
-        async def drive_over_opcua(password: str) -> str:
+        async def drive_over_opcua(password: str, *, user: str = "maria") -> str:
             client = Client(f"opc.tcp://127.0.0.1:{opcua_port}/palpate")
-            client.set_user("maria")
+            client.set_user(user)
             client.set_password(password)
             client.application_uri = "urn:example:client"
             await client.set_security_string(
@@ -170,15 +170,19 @@ def test_https_users_act_within_their_roles_and_under_their_names(tmp_path: Path
                 driver: str = await OpcUa(client).value("Driver")
                 return driver
 
-        with pytest.raises((ua.UaError, ConnectionError, asyncio.TimeoutError)):
-            asyncio.run(drive_over_opcua("guess"))
+        wrong = (("maria", "guess"), ("screen", "screens-token"), ("mario", "marias-token"))
+        for user, password in wrong:
+            with pytest.raises((ua.UaError, ConnectionError, asyncio.TimeoutError)):
+                asyncio.run(drive_over_opcua(password, user=user))
         assert asyncio.run(drive_over_opcua("marias-token")) == "maria"
         wanted = {
             ("maria", "grasp"),
             ("screen", "stop"),
             ("screen", "refused: POST '/api/grasp', role view"),
             ("HTTP 127.0.0.1", "refused: wrong token"),
-            ("OPC UA 127.0.0.1", "refused: login as 'maria'"),
+            ("OPC UA 127.0.0.1", "refused: login as 'maria', wrong password"),
+            ("OPC UA 127.0.0.1", "refused: login as 'screen', role view"),
+            ("OPC UA 127.0.0.1", "refused: login as 'mario', unknown user"),
         }
         deadline_s, audit = time.monotonic() + 30.0, tmp_path / "data" / "audit.jsonl"
         events = set[tuple[str, str]]()

@@ -63,6 +63,7 @@ def test_read_rules_accepts_the_example_file() -> None:
         ('default = "by hand"', "", "line 1: has no default"),
         ('bin = "ripe"', "", "line 8: this rule has no bin"),
         ("[0, 45]", "[45, 0]", r"line 6: size_mm is \[45, 0\], not \[from, to\]"),
+        ("size_mm = [0, 45]", "firmness = [55, 1010]", "line 6: firmness is .* <= 100"),
         ("bruised = false", 'bruised = "no"', "line 12: bruised is 'no', not true or false"),
         ("confidence = 0.9", "confidence = 0.4", "line 13: confidence is 0.4, .* at least 0.5"),
         ('["kiwi", "lime"]', "[1]", r"line 5: class is \[1\], not a name"),
@@ -111,6 +112,12 @@ def test_read_rules_refuses_only_unreachable_and_partly_overlapping_rules(
         return
     with pytest.raises(InputError, match=message):
         read_two(tmp_path, first, second)
+
+
+def test_rules_file_in_another_encoding_is_refused_with_the_place(tmp_path: Path) -> None:
+    (tmp_path / "rules.toml").write_bytes('default = "Früchte"\n'.encode("latin-1"))
+    with pytest.raises(InputError, match="not UTF-8 at byte 13; save it as UTF-8"):
+        read_rules(tmp_path / "rules.toml")
 
 
 def test_check_kinds_class_without_labels_raises(tmp_path: Path) -> None:

@@ -134,6 +134,14 @@ def qualify(
     document = qualification_document(
         found, effort, demand, unit=unit, items=pairs.items, pairs=int(pairs.has_both.sum())
     )
+    if report is not None:
+        write_report(report, document, found=found, source=readings.name)
+        print_message(f"Written: {report}")
+    if as_json:
+        print_json(document)
+    else:
+        print_qualification(document)
+    # Last, because the table shows why there is no relation.
     if save is not None and measurement is not None:
         if not found.is_related:
             raise InputError(f"--save {save}: {relation_text(document)}")
@@ -141,13 +149,6 @@ def qualify(
             found, pairs, measurement=measurement, unit=unit, simulated=simulated
         ).save(save)
         print_message(f"Written: {save}")
-    if report is not None:
-        write_report(report, document, found=found, source=readings.name)
-        print_message(f"Written: {report}")
-    if as_json:
-        print_json(document)
-        return
-    print_qualification(document)
 
 
 #: As `qualification_document` returns it.

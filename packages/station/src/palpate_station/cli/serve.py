@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import ssl
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,6 +23,7 @@ from palpate_station.records import check_printable
 
 if TYPE_CHECKING:
     # Each requires an extra.
+    from palpate_station.dashboard.item_store import ItemStore
     from palpate_station.dashboard.server import LineOpener
     from palpate_station.dashboard.users import User
     from palpate_station.line.machine import Line, Machine
@@ -182,8 +183,8 @@ def serve(
     )
     items = ItemStore(store)
     items.check_usable()
-    if rules is not None and settings.rules is not None and settings.rules.has_condition("class"):
-        _warn_of_classes(settings.rules, known_kinds=items.learnt_kinds(), path=rules)
+    if rules is not None and settings.rules is not None:
+        _warn_of_names(settings.rules, items=items, path=rules)
     existing = settings.existing_folder
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError(f"--folder {folder}: {existing} is not a writable folder; choose another")
@@ -238,10 +239,18 @@ def _read_rules(path: Path) -> RuleBook:
     return read_rules(path)
 
 
-def _warn_of_classes(book: RuleBook, *, known_kinds: Collection[str], path: Path) -> None:
-    """Warn of classes that can't be identified yet; the items to learn them from may follow."""
-    from palpate_station.sorting.rules_file import unlearned_classes
+def _warn_of_names(book: RuleBook, *, items: ItemStore, path: Path) -> None:
+    """Warn of classes and stages that no item can have yet; items labelled with them may follow."""
+    from palpate_station.ripeness.stages import STAGES
+    from palpate_station.sorting.rules_file import unknown_stages, unlearned_classes
 
+    known_stages = items.known_stages() if book.has_condition("ripeness") else ()
+    for fault in unknown_stages(book, known_stages=known_stages, path=path):
+        print_message(
+            f"palpate: {fault}, so only an item labelled with it can meet it; check the name "
+            f"({', '.join(STAGES)})"
+        )
+    known_kinds = items.learnt_kinds() if book.has_condition("class") else ()
     for fault in unlearned_classes(book, known_kinds=known_kinds, path=path):
         print_message(
             f"palpate: {fault}, so only an item whose kind was stated can meet it; check the name, "
@@ -268,7 +277,7 @@ def open_lines(
         from palpate_station.line.opcua import USER, OpcUaStation
 
         host, port = _parse_unused_address("--opcua", opcua)
-        passwords = {user.name: user.token for user in users if user.role.may_drive}
+        passwords = {user.name: user.token if user.role.may_drive else "" for user in users}
         if token:
             passwords[USER] = token
         if host not in _LOOPBACK and not passwords:
@@ -292,6 +301,8 @@ def open_lines(
 
 def _parse_unused_address(option: str, text: str) -> tuple[str, int]:
     """Parse ``[HOST:]PORT``; raise `DeviceError` if the address can't be bound."""
+    from palpate_station.dashboard.listening import bind_fault
+
     host, port = parse_address(text, option=option)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # Checked before the devices are opened, because a later error would leave them running.
@@ -300,7 +311,9 @@ def _parse_unused_address(option: str, text: str) -> tuple[str, int]:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise DeviceError(f"{option} {text}: {error.strerror}; give another address") from error
+            raise DeviceError(
+                f"{option} {text}: {bind_fault(error)}; give another address"
+            ) from error
     return host, port
 
 
@@ -314,6 +327,11 @@ async def _start(
 ) -> Line:
     """Start a station and print its host and port in the format `text`."""
     station = station_of(machine)
-    actual_port = await station.start(host, port)
+    try:
+        actual_port = await station.start(host, port)
+    except (OSError, RuntimeError) as error:
+        raise DeviceError(
+            f"{text.format(host, port)} can't start ({error}); give each protocol a port of its own"
+        ) from error
     print_message(f"palpate serve: {text.format(host, actual_port)}")
     return station

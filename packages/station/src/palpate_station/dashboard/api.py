@@ -21,8 +21,9 @@ import palpate_station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_station.dashboard.app_state import AppState
-from palpate_station.dashboard.audit import record_event
+from palpate_station.dashboard.audit import LOG, record_event
 from palpate_station.dashboard.grasp_form import check_item
+from palpate_station.dashboard.item_store import error_text
 from palpate_station.dashboard.monitor import Monitor
 from palpate_station.line.machine import CommandRefusedError
 from palpate_station.line.results import NO_ITEM
@@ -53,7 +54,8 @@ class GraspRequest(BaseModel):
     stops: int | None = Field(
         None,
         ge=0,
-        description="Last known `stops` of the state; the grasp is refused after a newer stop.",
+        description="Last known `stops` of the state; the grasp is refused if it is another one "
+        "now, after a stop or a restart.",
     )
 
 
@@ -297,7 +299,8 @@ def _translate_errors(*, bad_value: int = 404) -> Iterator[None]:
     except InputError as error:
         raise HTTPException(bad_value, str(error)) from error
     except PalpateError as error:
-        raise HTTPException(503, str(error)) from error
+        LOG.error("%s", error)
+        raise HTTPException(503, error_text(error)) from error
 
 
 def _add_validation_handler(api: FastAPI) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import shutil
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -49,11 +50,12 @@ from palpate_station.dashboard.messages import (
     OrderEnded,
     Request,
     StopConfirmed,
+    Trouble,
     Update,
 )
 from palpate_station.dashboard.page_document import state_document
 from palpate_station.dashboard.panel_html import count_of
-from palpate_station.dashboard.session import Session
+from palpate_station.dashboard.session import Session, describe_order
 from palpate_station.dashboard.settings import Settings
 from palpate_station.dashboard.transport import run_on
 from palpate_station.dashboard.words import Words
@@ -65,6 +67,8 @@ from palpate_station.sorting.placement import Placement
 _Answer = TypeVar("_Answer")
 
 _POLL_S = 0.01
+#: No grasp starts with less free space, bytes: a recording of the longest hold takes about 2.5 MB.
+_MIN_FREE_BYTES = 10_000_000
 #: Maximum time that a stop waits for its confirmation, seconds.
 STOP_TIMEOUT_S = 2.0
 #: Maximum time that a result waits for the store and its bin, seconds. It is longer than the 5 s
@@ -103,6 +107,7 @@ class AppState:
             words=Words() if settings.words is None else Words.read(settings.words),
             requires_item=settings.requires_item or (rules is not None and rules.requires_item),
             bins=() if rules is None else rules.bins,
+            disk_refusal=self._disk_refusal,
         )
         self.session.form.find_sorted = self.history.find_sorted
         #: The session's event loop; None before `open`.
@@ -165,6 +170,11 @@ class AppState:
         what = f"grasp of {item} interrupted, not stored (recording {found.recording})"
         record_event("palpate serve", what, level=logging.WARNING)
 
+    def _disk_refusal(self) -> str:
+        """Return why no grasp can be recorded; empty if it can."""
+        free = shutil.disk_usage(self.settings.existing_folder).free
+        return "" if free >= _MIN_FREE_BYTES else self.session.words("refusal.full")
+
     def _cancel_grasp(self, stopped: GraspOrder | None = None) -> None:
         """Note that a grasp ended without a result; `stopped`: its order, if a stop ended it."""
         source = self.session.devices.live.source
@@ -206,15 +216,17 @@ class AppState:
         """
 
         def order_grasp() -> str:
-            """Order the grasp, unless a stop unknown to the client has occurred."""
+            """Order the grasp, unless the client's number of stops is another one."""
             order = self.grasp_order(
                 target_force_n=target_force_n, item_id=item_id, kind=kind, batch=batch
             )
             with self.session.stop_lock:
-                if stops is not None and stops < self.session.stops:
+                # A larger number is from before a restart.
+                if stops is not None and stops != self.session.stops:
                     raise CommandRefusedError(
-                        "refused: a stop has occurred since you last read the state; read it "
-                        "again, then resend the command"
+                        f"refused: a stop or a restart has occurred since you last read the state "
+                        f"(stops {stops}, now {self.session.stops}); read it again, then resend "
+                        "the command"
                     )
                 self._run_for_driver(driver, partial(self.session.order, driver, order))
             return order.recording.name
@@ -603,6 +615,11 @@ class AppState:
         if is_cut and not self._is_closing and self.history.running is not None:
             self._report_interrupted(self.history.running)
         for note in update.notes if isinstance(update, Update) else ():
+            match note:
+                case Trouble(text=text) if text:
+                    LOG.error("%s", text)
+                case OrderEnded(stopped=False, trouble=text) if text:
+                    LOG.error("%s: %s", describe_order(note.order), text)
             match note:
                 case OrderEnded(order=GraspOrder() as order, found=None, stopped=stopped):
                     self._cancel_grasp(order if stopped else None)

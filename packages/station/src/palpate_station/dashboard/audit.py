@@ -72,20 +72,25 @@ def write_log(folder: Path) -> Iterator[None]:
     is_journal = "JOURNAL_STREAM" in os.environ
     shown.setFormatter(_JournalFormatter() if is_journal else _LINE)
     queue: SimpleQueue[logging.LogRecord] = SimpleQueue()
-    into_queue = QueueHandler(queue)
+    into_queue, server = QueueHandler(queue), logging.getLogger("uvicorn")
     listener = QueueListener(queue, shown, _AuditHandler(folder / AUDIT_FILE))
-    LOG.addHandler(into_queue)
+    for log in (LOG, server):
+        log.addHandler(into_queue)
+        log.propagate = False
     LOG.setLevel(logging.INFO)
-    LOG.propagate = False
     listener.start()
     try:
         yield
     finally:
-        LOG.removeHandler(into_queue)
+        for log in (LOG, server):
+            log.removeHandler(into_queue)
         listener.stop()
 
 
-_LINE = logging.Formatter("%(asctime)s %(levelname)s palpate serve: %(message)s")
+#: With the time zone, because the audit and the API have UTC.
+_LINE = logging.Formatter(
+    "%(asctime)s %(levelname)s palpate serve: %(message)s", datefmt="%Y-%m-%d %H:%M:%S%z"
+)
 
 
 class _JournalFormatter(logging.Formatter):

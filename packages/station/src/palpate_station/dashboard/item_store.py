@@ -7,7 +7,8 @@ other programs.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -37,7 +38,7 @@ from palpate_station.sorting.placement import Placement
 from palpate_station.sorting.rules import RuleBook, decide
 from palpate_station.sorting.run import Sorted, bin_verdict, combine_evidence
 from palpate_station.store import Store
-from palpate_station.store.engine import store_url
+from palpate_station.store.engine import StoreDiskError, store_url
 from palpate_station.store.item_history import (
     AWAY_NOTE,
     ItemHistory,
@@ -62,6 +63,7 @@ class StoreFault(StrEnum):
     """A fault of the store in few words for every screen; the log has the details."""
 
     AWAY = "the store does not answer"
+    DISK = "the disk of the store is full or has failed"
     UNUSABLE = "the store can't be used"
 
 
@@ -248,8 +250,7 @@ class ItemStore:
             known = self._label_words(About(about))
             if known and text not in known:
                 raise InputError(f"{about} {text[:40]!r}: must be one of {', '.join(known)}")
-        with Store.open(self._where) as store:
-            store.away = self._away
+        with self._open() as store:
             store.add_item(item)
             for about, text in labels.items():
                 add_label(store, item.item_id, about=About(about), text=text, by=by)
@@ -341,15 +342,33 @@ class ItemStore:
             return ()
         return () if found is None else found.kinds
 
+    def known_stages(self) -> tuple[str, ...]:
+        """Return the built-in stages of ripeness, and those that items were labelled with."""
+        verdicts = (
+            self._read(lambda store: store.verdicts(About.RIPENESS, source=Source.PERSON)) or ()
+        )
+        return (*STAGES, *(one.text for one in verdicts))
+
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
         """Read from the store; None without a store."""
         try:
-            store = Store.open(self._where, create=False)
+            with self._open(create=False) as store:
+                return read(store)
         except StoreMissingError:
             return None
-        with store:
+
+    @contextmanager
+    def _open(self, *, create: bool = True) -> Iterator[Store]:
+        """Open the store; refusals don't have its address, because clients get them."""
+        with Store.open(self._where, create=create) as store:
             store.away = self._away
-            return read(store)
+            try:
+                yield store
+            except InputError as error:
+                text = str(error)
+                for name in (store.name, store.local_name):
+                    text = text.removeprefix(f"{name}: ")
+                raise InputError(text) from error
 
     @property
     def _away(self) -> StoreAwayError | None:
@@ -418,6 +437,8 @@ def error_text(error: PalpateError) -> str:
 
 
 def _store_fault(error: Exception) -> StoreFault:
+    if isinstance(error, StoreDiskError | OSError):
+        return StoreFault.DISK
     return StoreFault.AWAY if isinstance(error, StoreAwayError) else StoreFault.UNUSABLE
 
 

@@ -97,6 +97,12 @@ class FrontedListener(socket.socket):
                 self._process = self._start()
 
 
+def bind_fault(error: OSError) -> str:
+    """Return why an address can't be bound; for a reserved port, what allows it."""
+    remedy = " (a port below 1024 requires CAP_NET_BIND_SERVICE, as in examples/palpate.service)"
+    return f"{error.strerror}{remedy if isinstance(error, PermissionError) else ''}"
+
+
 def bind_port(
     host: str, port: int, *, max_new_connections: int = MAX_NEW_CONNECTIONS
 ) -> socket.socket:
@@ -119,7 +125,7 @@ def bind_port(
     except OSError as error:
         listening.close()
         raise DeviceError(
-            f"{host}:{port}: {error.strerror}; is palpate serve already running? "
+            f"{host}:{port}: {bind_fault(error)}; is palpate serve already running? "
             "Choose another --port"
         ) from error
     # Windows can't pass connections to another process: there the limit is missing.

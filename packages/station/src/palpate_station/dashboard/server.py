@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import gc
 import os
+import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
-from contextlib import nullcontext
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 LineOpener: TypeAlias = Callable[[Machine], Awaitable[Line]]
 
 _STATIC = Path(__file__).parent / "static"
+#: File in the folder that the running server locks.
+_LOCK_FILE = ".serve.lock"
 #: Period at which line protocols are refreshed, seconds.
 _LINE_REFRESH_S = 0.05
 #: Period at which the state is published, seconds.
@@ -120,6 +123,8 @@ def serve(
         # The client address is the connected peer, never an address from a header.
         proxy_headers=False,
         log_level="warning",
+        # Its lines are part of the station's log, with their time.
+        log_config=None,
         access_log=False,
         timeout_graceful_shutdown=2,
         ssl_certfile=certificate,
@@ -135,14 +140,62 @@ def serve(
         failures.append(text)
         server.should_exit = True
 
+    _end_after_failed_start(app, end_after_failure)
     if settings.exit_after_s is not None:
         _add_watchdog(app, monitor, limit_s=settings.exit_after_s, on_failure=end_after_failure)
     # A full collection of all imported objects would block every thread for 0.1 s.
     gc.freeze()
-    with write_log(settings.folder), listening, threaded, line_thread or nullcontext():
+    with (
+        listening,
+        _lock_folder(settings.folder),
+        write_log(settings.folder),
+        threaded,
+        line_thread or nullcontext(),
+    ):
         server.run(sockets=[listening])
     if failures:
         raise DeviceError(failures[0])
+
+
+@contextmanager
+def _lock_folder(folder: Path) -> Iterator[None]:
+    """Keep a folder from another server, which would mix up history, audit and recordings.
+
+    The lock ends with this process, however it ends. Windows has none.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / _LOCK_FILE).open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise DeviceError(
+                f"--folder {folder}: another palpate serve uses it; give each its own folder"
+            ) from error
+        yield
+
+
+def _end_after_failed_start(app: FastAPI, on_failure: Callable[[str], None]) -> None:
+    """Undo a start that fails, and end with one line; the server would run on without pages."""
+    starts, router = list(app.router.on_startup), app.router
+
+    async def start() -> None:
+        try:
+            for one in starts:
+                if (waiting := one()) is not None:
+                    await waiting
+        except Exception as error:
+            for end in router.on_shutdown:
+                with suppress(Exception):
+                    if (waiting := end()) is not None:
+                        await waiting
+            on_failure(str(error) or repr(error))
+
+    router.on_startup[:] = [start]
 
 
 def _add_stop_route(app: FastAPI, app_state: AppState) -> None:

@@ -57,6 +57,12 @@ def page_name(host: str, user: User | None = None) -> str:
     return user.name if user is not None and user.name else f"the page at {host}"
 
 
+def describe_order(order: Order) -> str:
+    """Return what an order does, and its item, as text for the log."""
+    item = f" {order.item_id}" if isinstance(order, GraspOrder) and order.item_id else ""
+    return f"{ACTIONS[type(order)]}{item}"
+
+
 class Session:
     """One rig, many viewers, one driver.
 
@@ -75,6 +81,8 @@ class Session:
         Whether a grasp needs the name of its item.
     bins : sequence of str, optional
         The bins of the sorting rules in their order, the default bin last.
+    disk_refusal : callable, optional
+        Returns why no grasp can be recorded; empty if it can.
     now_s : callable, optional
         The clock of the leases.
     on_event : callable, optional
@@ -105,12 +113,14 @@ class Session:
         words: Words | None = None,
         requires_item: bool = False,
         bins: Sequence[str] = (),
+        disk_refusal: Callable[[], str] = lambda: "",
     ) -> None:
         self._send, self._silent_s, self._now_s = send, silent_s, now_s
         self._on_event, self._on_refused = on_event, on_refused
         #: Texts of the pages.
         self.words = words or Words()
         self.requires_item, self.bins = requires_item, tuple(bins)
+        self._disk_refusal = disk_refusal
         self.devices = DeviceState(on_measured=on_measured, on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self._driver: str | None = None
@@ -328,7 +338,7 @@ class Session:
         source = devices.live.source
         if action is Action.GRASP and source is not None and source.law is None:
             return words("refusal.no_calibration")
-        return ""
+        return self._disk_refusal() if action is Action.GRASP else ""
 
     # -- actions --------------------------------------------------------------------------------
     # Refused actions raise `InputError` with the reason.
@@ -342,8 +352,7 @@ class Session:
             raise InputError(self.words("next.name"))
         self.claim(viewer)
         self.send_order(order)
-        item = f" {order.item_id}" if isinstance(order, GraspOrder) and order.item_id else ""
-        self._on_event(self.driver_name, f"{ACTIONS[type(order)]}{item}")
+        self._on_event(self.driver_name, describe_order(order))
 
     def send_order(self, order: Order) -> None:
         """Send an order without checking permissions."""

@@ -38,6 +38,8 @@ _ORDER = (NEW_ITEM, NEW_BATCH)
 _WRITABLE = frozenset((COMMAND, TARGET, KNOWN_STOPS, KNOWN_STOPS + 1)).union(
     *(range(text, text + TEXT_REGISTERS) for text in _ORDER)
 )
+#: Functions of coils and discrete inputs, which the station does not have.
+_BIT_FUNCTIONS = (1, 2, 5, 15)
 #: Values for the register `COMMAND`.
 GRASP, RELEASE, STOP, TAKE_OVER, LEAVE = 1, 2, 3, 4, 5
 #: Values of the register `STORAGE`; 0 means no grasp yet.
@@ -102,6 +104,8 @@ class ModbusStation:
     ) -> ExcCodes | None:
         """Answer one request; called by pymodbus before a read and after a write."""
         self._machine.renew(_CLIENT.get())
+        if function_code in _BIT_FUNCTIONS:
+            return ExcCodes.ILLEGAL_FUNCTION
         if set_values is None:
             registers[:] = self.registers()[start_address : start_address + len(registers)]
             return None

@@ -128,7 +128,10 @@ class _PasswordUserManager(UserManager):
         is_correct = hmac.compare_digest((password or "").encode(), expected.encode())
         if expected and is_correct:
             return User(role=UserRole.User, name=username)
-        self._on_refused(f"login as {(username or '')[:40]!r}")
+        why = "unknown user" if username not in self._passwords else "wrong password"
+        if username in self._passwords and not expected:
+            why = "role view"
+        self._on_refused(f"login as {(username or '')[:40]!r}, {why}")
         return None
 
 
@@ -136,7 +139,8 @@ class OpcUaStation:
     """OPC UA server of a machine.
 
     `machine`: its methods are called on the event loop that runs `start`.
-    `passwords`: password of each username; empty allows anonymous access without encryption.
+    `passwords`: password of each username, empty for one that may only watch; without usernames,
+        access is anonymous and not encrypted.
     `folder`: folder of the server certificate, which is created at the first start.
     `on_refused`: called with the address of a client and the login that was refused.
     """
@@ -297,8 +301,12 @@ class OpcUaStation:
         if len(values) == len(_GRASP_TYPES) - 1:
             values.append(None)
         if len(values) != len(_GRASP_TYPES):
+            await self._write("Refusal", f"Grasp has {len(values)} arguments, not 4 or 5")
             return _status(StatusCodes.BadArgumentsMissing)
         if not all(isinstance(*pair) for pair in zip(values, _GRASP_TYPES, strict=True)):
+            await self._write(
+                "Refusal", "the arguments of Grasp must be Double, String, String, Int64, String"
+            )
             return _status(StatusCodes.BadTypeMismatch)
         target, item, kind, stops, batch = values
         return await self._run_command(

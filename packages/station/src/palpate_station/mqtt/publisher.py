@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import socket
+import ssl
+import sys
 import threading
 import time
 import uuid
@@ -212,11 +214,22 @@ class Publisher:
                 ) from error
         client.on_connect = self._on_connect
         client.on_disconnect = lambda *_: self._calls.put(self._on_disconnected)
-        client.on_connect_fail = lambda *_: self._calls.put(self._on_disconnected)
+        client.on_connect_fail = self._on_connect_fail
         client.on_publish = lambda _client, _data, message, *_: self._calls.put(
             partial(self._acknowledge, message)
         )
         return client
+
+    def _on_connect_fail(self, client: Any, data: Any) -> None:
+        # Called while the client handles the error. A reset is that of the handshake: nobody
+        # listens after a refusal.
+        error = sys.exception()
+        if isinstance(error, ssl.SSLError | ConnectionResetError):
+            why = getattr(error, "reason", None) or error.strerror
+            fault = f"answers, but not with TLS ({why}; check port, tls and ca of the broker file)"
+            self._calls.put(partial(self._report, fault))
+        else:
+            self._calls.put(self._on_disconnected)
 
     def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
         if reason.is_failure:

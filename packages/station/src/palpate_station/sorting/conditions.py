@@ -7,6 +7,7 @@ field in `run.combine_evidence`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -138,6 +139,8 @@ class Within:
         return f"{self.key} {low:g} to {high:g}" if low < high else None
 
 
+#: Largest value of the firmness index.
+FIRMNESS_END = 100.0
 Condition: TypeAlias = OneOf | Within
 
 
@@ -154,8 +157,9 @@ def _read_range(key: str, stated: Any) -> Within:
         and len(stated) == 2
         and all(isinstance(n, int | float) and not isinstance(n, bool) for n in stated)
     )
-    if not numbers or not 0 <= stated[0] < stated[1]:
-        raise ValueError("[from, to] with 0 <= from < to")
+    most, end = (FIRMNESS_END, f" <= {FIRMNESS_END:g}") if key == "firmness" else (math.inf, "")
+    if not numbers or not 0 <= stated[0] < stated[1] <= most:
+        raise ValueError(f"[from, to] with 0 <= from < to{end}")
     return Within(key, float(stated[0]), float(stated[1]))
 
 

@@ -36,6 +36,10 @@ def read_rules(path: str | Path) -> RuleBook:
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
         stated = tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"rules file {path}: not UTF-8 at byte {error.start}; save it as UTF-8"
+        ) from error
     except OSError as error:
         raise InputError(f"rules file {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
@@ -89,6 +93,18 @@ def unlearned_classes(
                 f"rules file {path} line {rule.line}: class {kind!r} has fewer than "
                 f"{FEWEST_ITEMS} labelled items"
             )
+
+
+def unknown_stages(
+    book: RuleBook, *, known_stages: Collection[str], path: str | Path
+) -> Iterator[str]:
+    """Yield the place and name of each stage of ripeness that no item has been labelled with."""
+    for rule in book.rules:
+        stages = (
+            one for one in rule.conditions if isinstance(one, OneOf) and one.key == "ripeness"
+        )
+        for stage in sorted({name for one in stages for name in one.names} - {*known_stages}):
+            yield f"rules file {path} line {rule.line}: ripeness {stage!r} is no stage"
 
 
 def check_reachable(rules: Sequence[Rule], *, path: str) -> None:

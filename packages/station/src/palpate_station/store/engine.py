@@ -24,40 +24,54 @@ _CONNECT_TIMEOUT_S = 5
 #: Interval of attempts to get a lock, seconds.
 _LOCK_RETRY_S = 0.01
 
-#: Start of SQLite's error name -> whether a later retry may help; cause and remedy.
-_SQLITE_FAULTS: Mapping[str, tuple[bool, str]] = {
-    "SQLITE_BUSY": (True, "locked by another program for {wait:g} s; close it and try again"),
-    "SQLITE_LOCKED": (True, "locked by another program for {wait:g} s; close it and try again"),
-    "SQLITE_FULL": (True, "the disk is full; make room and try again"),
-    "SQLITE_IOERR": (True, "the disk failed to read or write; check it and try again"),
+
+class StoreDiskError(StoreAwayError):
+    """The disk of a store is full or has failed."""
+
+
+#: Start of SQLite's error name -> error; cause and remedy.
+_SQLITE_FAULTS: Mapping[str, tuple[type[StoreError], str]] = {
+    "SQLITE_BUSY": (
+        StoreAwayError,
+        "locked by another program for {wait:g} s; close it and try again",
+    ),
+    "SQLITE_LOCKED": (
+        StoreAwayError,
+        "locked by another program for {wait:g} s; close it and try again",
+    ),
+    "SQLITE_FULL": (StoreDiskError, "the disk is full; make room and try again"),
+    "SQLITE_IOERR": (
+        StoreDiskError,
+        "the disk is full or has failed; make room or check it, and try again",
+    ),
     "SQLITE_READONLY": (
-        False,
+        StoreError,
         "is read-only; change the permissions of the file and its folder",
     ),
     "SQLITE_PERM": (
-        False,
+        StoreError,
         "access denied; change the permissions of the file and its folder",
     ),
-    "SQLITE_NOTADB": (False, "not a store (no SQLite database); name another file"),
+    "SQLITE_NOTADB": (StoreError, "not a store (no SQLite database); name another file"),
     "SQLITE_CORRUPT": (
-        False,
+        StoreError,
         "is damaged; restore it from a backup, or try `sqlite3 FILE .recover`",
     ),
-    "SQLITE_CANTOPEN": (False, "can't be opened; check the folder and its permissions"),
+    "SQLITE_CANTOPEN": (StoreError, "can't be opened; check the folder and its permissions"),
 }
 #: The same for PostgreSQL, by the start of SQLSTATE (appendix A of its manual).
-_POSTGRESQL_FAULTS: Mapping[str, tuple[bool, str]] = {
-    "53100": (True, "the server's disk is full; make room and try again"),
-    "55P03": (True, "locked by another program for {wait:g} s; close it and try again"),
-    "57P": (True, "the server is shutting down or starting; try again"),
-    "53": (True, "the server is out of connections or memory; try again later"),
-    "40": (True, "two writers were in conflict; try again"),
-    "08": (True, "the connection was lost; check the server and try again"),
-    "25006": (False, "the server is read-only; name the primary server"),
-    "28": (False, "the server refused the user or password; check the URL"),
-    "3D000": (False, "no such database on the server; create it with `createdb`"),
+_POSTGRESQL_FAULTS: Mapping[str, tuple[type[StoreError], str]] = {
+    "53100": (StoreDiskError, "the server's disk is full; make room and try again"),
+    "55P03": (StoreAwayError, "locked by another program for {wait:g} s; close it and try again"),
+    "57P": (StoreAwayError, "the server is shutting down or starting; try again"),
+    "53": (StoreAwayError, "the server is out of connections or memory; try again later"),
+    "40": (StoreAwayError, "two writers were in conflict; try again"),
+    "08": (StoreAwayError, "the connection was lost; check the server and try again"),
+    "25006": (StoreError, "the server is read-only; name the primary server"),
+    "28": (StoreError, "the server refused the user or password; check the URL"),
+    "3D000": (StoreError, "no such database on the server; create it with `createdb`"),
     "42501": (
-        False,
+        StoreError,
         "the user lacks permissions; request CREATE, SELECT, INSERT and UPDATE",
     ),
 }
@@ -176,10 +190,9 @@ def _explain_error(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
         code, known = getattr(origin, "sqlite_errorname", None), _SQLITE_FAULTS
     else:
         code, known = getattr(origin, "sqlstate", None), _POSTGRESQL_FAULTS
-    for start, (is_temporary, text) in known.items():
+    for start, (kind, text) in known.items():
         if code is not None and code.startswith(start):
-            message = f"{where}: {text.format(wait=LOCK_TIMEOUT_S)}"
-            return StoreAwayError(message) if is_temporary else StoreError(message)
+            return kind(f"{where}: {text.format(wait=LOCK_TIMEOUT_S)}")
     message = " ".join(str(origin).split())
     # Without a connection to the server there is no SQLSTATE.
     if code is None and isinstance(error, sa.exc.OperationalError):
