@@ -46,7 +46,7 @@ N_SHARED = _STATIC + N_LAGS + N_PLAYS
 #: Readings of one contact count at most like this many, because they are correlated.
 _MOST_READINGS = 25.0
 #: Smallest force of a fit, and scatter of weak forces in it, newtons.
-_LEAST_N, _WEAK_N = 0.15, 0.3
+LEAST_N, _WEAK_N = 0.15, 0.3
 #: Force from which errors are relative, newtons.
 _FIRM_N = 1.0
 #: Prior standard deviations: of ln gain of a pixel of a sheet, and of a pad where each may have its
@@ -472,7 +472,7 @@ def _build_prior(pixels: int, pads: ArrayLike | None) -> tuple[FloatArray, Float
 def _select(states: States, force_n: FloatArray) -> NDArray[np.bool_]:
     """Return which readings have a force and a touch."""
     touched = states.log_x.max(axis=1) > np.log(CONTACT_EXCESS + ONSET_EXCESS)
-    return np.asarray((force_n > _LEAST_N) & touched)
+    return np.asarray((force_n > LEAST_N) & touched)
 
 
 def _slices(parts: Sequence[FloatArray]) -> list[slice]:

@@ -11,6 +11,7 @@ from palpate.calibration import BlockPairs, Calibration
 from palpate.errors import CalibrationError, InputError
 from palpate.force.of_calibration import sheet_law_of
 from palpate.force.servo_force import CurrentLaw
+from palpate.force.sheet_law import LEAST_N
 from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
 from palpate.grasp.safety import FORCE_CEILING_N, MOST_TIGHTENINGS
 from palpate.gripper.interface import Gripper
@@ -97,18 +98,12 @@ def plan_grasp(
         raise InputError(
             f"tighten {tighten}: must be from 0, which never tightens, to {MOST_TIGHTENINGS}"
         )
-    law = sheet_law_of(calibration)
-    if target_force_n is not None and target_force_n < law.weak_sd_n:
-        raise InputError(
-            f"target_force_n {target_force_n:g}: this sheet does not tell a force below "
-            f"{law.weak_sd_n:.2f} N from none; give at least that"
-        )
     width = gripper.limits.drive == "width"
     fit = _fit_width_compliance if width else _fit_pressure_bend
     return Plan(
         layout=calibration.layout,
         rest_ohm=calibration.rest_ohm,
-        law=law,
+        law=sheet_law_of(calibration),
         gripper=gripper.limits,
         current=None if calibration.current is None else CurrentLaw.fit(calibration.current),
         target_force_n=target_force_n,
@@ -125,17 +120,17 @@ def plan_grasp(
 
 
 def check_target_force(force_n: float | None, *, name: str) -> None:
-    """Check that a force is above 0 and within the ceiling; `name` labels the message.
+    """Check that a force is within the range of a calibration; `name` labels the message.
 
     Raises
     ------
     InputError
-        If the force is not above 0, or exceeds the force ceiling.
+        If the force is below the smallest one of a calibration, or exceeds the force ceiling.
     """
-    if force_n is not None and not 0 < force_n <= FORCE_CEILING_N:
+    if force_n is not None and not LEAST_N <= force_n <= FORCE_CEILING_N:
         raise InputError(
-            f"{name} {force_n:g}: must be above 0 and at most {FORCE_CEILING_N:g} N, the force "
-            "ceiling"
+            f"{name} {force_n:g}: must be at least {LEAST_N:g} N, the smallest force that a "
+            f"calibration tells from none, and at most {FORCE_CEILING_N:g} N, the force ceiling"
         )
 
 

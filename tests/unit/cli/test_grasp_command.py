@@ -96,6 +96,6 @@ def test_default_rig_is_that_of_the_folder_before_that_of_the_environment(
     assert "no rig 'sim-elsewhere'" in palpate.refused("grasp")
 
 
-def test_target_below_what_the_sheet_can_tell_is_refused(palpate: Command) -> None:
+def test_target_below_what_a_calibration_can_tell_is_refused(palpate: Command) -> None:
     refused = palpate("grasp", "--seed", "1", *SLOW, "--target-force-n", "0.05", status=2)
-    assert "does not tell a force below 0.27 N from none" in refused.err
+    assert "must be at least 0.15 N, the smallest force" in refused.err

@@ -161,7 +161,7 @@ def test_stop_button_is_not_covered_by_a_notification(viewer: Viewer) -> None:
     page.get_by_label(TARGET).fill("99")
     page.locator("#grasp").click()
     notification = page.locator(".q-notification").first
-    expect(notification).to_contain_text("the target force must be above 0")
+    expect(notification).to_contain_text("must be at least 0.15 N")
     page.get_by_label(TARGET).fill("")
     viewer.expect_on_top()
     # The final position of the moving notification is checked.

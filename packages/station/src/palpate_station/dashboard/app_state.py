@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.damage_limit import choose_limit
 from palpate.grasp.document import Bin, GraspDocument
-from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.grasp.planning import check_target_force
 from palpate.rig.file import find_calibration_file
 from palpate_station.dashboard.audit import LOG, record_event, record_refusal
 from palpate_station.dashboard.device_client import DeviceClient
@@ -319,10 +319,7 @@ class AppState:
         InputError
             If the force is out of range, the item name or batch is invalid, or the kind is unknown.
         """
-        if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
-            raise InputError(
-                f"the target force must be above 0 N and at most {FORCE_CEILING_N:g} N"
-            )
+        check_target_force(target_force_n, name="the target force")
         if item_id:
             item_id = check_item(item_id)
         if batch:
