@@ -23,9 +23,9 @@ TOUCH_NAMES = ("force_n", "force_low_n", "force_high_n", "change_percent")
 #: Rise of the force on a rigid object without a calibrated compliance, N/mm: hands give way by 2 to
 #: 4 mm at 15 N.
 STIFFEST_N_PER_MM = 7.5
-#: Longest step of the opening of a jaw that presses too hard, and time between two, so that a
-#: reading follows each: the object is not to be dropped.
-_REOPEN_MM, _REOPEN_S = 0.5, 0.15
+#: Smallest and longest step of the opening of a jaw that presses too hard, and time between two, so
+#: that a reading follows each: a servo does not move by less, and the object is not to be dropped.
+_LEAST_MM, _MOST_MM, _REOPEN_S = 0.1, 0.5, 0.15
 
 
 class Jaw(Protocol):
@@ -51,8 +51,8 @@ class Touch:
     The jaw closes at most by what is left to the limit over the stiffness of a rigid object. Once
     the force could exceed the limit, it is held, and opened in small steps until the force is
     below. It may open at any time. When it has opened, and a newer reading is within the limit, it
-    may close again. All other joints are left alone. If the force rises as the jaw opens, it is held
-    for good, and `observe` raises an error.
+    may close again. All other joints are left alone. If the force rises as the jaw opens, it is
+    held for good, and `observe` raises an error.
 
     Parameters
     ----------
@@ -209,9 +209,9 @@ class Touch:
             if self._is_reversed(motion):
                 return
             high_n = force.known_ends[1]
-            step_mm = _REOPEN_MM
+            step_mm = _MOST_MM
             if high_n is not None:
-                step_mm = min((high_n - self._limit_n) / self._stiffest, step_mm)
+                step_mm = min(max((high_n - self._limit_n) / self._stiffest, _LEAST_MM), _MOST_MM)
             self._held = max(self._held, present + step_mm / self._jaw.mm_per_unit)
             self._jaw.write(self._held)
             self._reopened_s = now_s
