@@ -134,6 +134,18 @@ def test_fast_leader_does_not_press_beyond_the_limit(
     assert 0.5 < largest_n < 1.05 * LIMIT_N
 
 
+def test_jaw_is_not_slowed_above_the_largest_object(rig: Rig, rack: Rack) -> None:
+    touch = Touch(rig, jaw=rack, limit_n=LIMIT_N, free_above=45.0)
+    touch.start()
+    touch.observe()
+    assert touch.limit(60.0) == 60.0
+    assert touch.limit(5.0) == 45.0
+    rack.write(45.0)
+    time.sleep(0.5)
+    assert 44.0 < touch.limit(5.0) < 45.0
+    touch.close()
+
+
 def test_jaw_that_presses_too_hard_opens_without_a_command(touch: Touch, rack: Rack) -> None:
     squeeze(touch, rack)
     rack.plates.size_mm += 2.0  # the object is turned to a larger diameter

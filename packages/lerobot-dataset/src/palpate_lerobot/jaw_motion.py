@@ -88,6 +88,11 @@ class JawMotion:
         return min(self._reading_at - room_n / self._n_per_unit, present)
 
     @property
+    def is_touching(self) -> bool:
+        """Whether the readings show a force."""
+        return self._touched is not None
+
+    @property
     def is_free(self) -> bool:
         """Whether the jaw is open by more than at the begin of the contact."""
         present = self._positions[-1][1] if self._positions else float("-inf")

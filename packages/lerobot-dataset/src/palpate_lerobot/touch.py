@@ -66,6 +66,8 @@ class Touch:
         Largest rise of the force per mm of closing; by default that of a rigid object by the
         calibrated compliance, or else `STIFFEST_N_PER_MM`. The jaw closes the slower, the larger
         it is.
+    free_above : float, optional
+        Position above which the jaw cannot meet an object, and is not slowed unless it does.
 
     Attributes
     ----------
@@ -88,13 +90,14 @@ class Touch:
         jaw: Jaw,
         limit_n: float | None = None,
         stiffest_n_per_mm: float | None = None,
+        free_above: float = float("inf"),
     ) -> None:
         if not rig.has_force:
             raise CalibrationError(
                 f"{rig.name}: the calibration has no force law; run `palpate calibrate force`"
             )
         self.lock = threading.RLock()
-        self._rig, self._jaw = rig, jaw
+        self._rig, self._jaw, self._free_above = rig, jaw, free_above
         self._held: float | None = None
         self._limit_n, self._guard = limit_n, None
         if limit_n is not None:
@@ -168,7 +171,9 @@ class Touch:
             assert self._held is not None
             return self._held
         if not guard.is_tripped:
-            return max(position, motion.most_closed)
+            if motion.is_touching:
+                return max(position, motion.most_closed)
+            return max(position, min(motion.most_closed, self._free_above))
         if self._held is None:
             # The guard has tripped, and waits for the lock.
             self.stop()

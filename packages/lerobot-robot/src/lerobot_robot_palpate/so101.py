@@ -33,6 +33,8 @@ class PalpateSO101Config(SO101FollowerConfig):
     guard_n_per_mm : float or None
         Largest rise of the force per mm of closing; by default on a rigid object
         (`palpate_lerobot.touch.Touch`).
+    guard_below : float
+        Opening in percent below which the jaw may meet an object, and is slowed.
     jaw_mm : float
         Distance from the servo's axis to the middle of the pad, mm.
     """
@@ -40,6 +42,7 @@ class PalpateSO101Config(SO101FollowerConfig):
     rig: str = "sensor.toml"
     guard_n: float | None = None
     guard_n_per_mm: float | None = None
+    guard_below: float = 100.0
     jaw_mm: float = 100.0
 
 
@@ -127,6 +130,7 @@ class PalpateSO101(Robot):
             check_limit("guard_n", config.guard_n)
         if config.guard_n_per_mm is not None:
             check_number("guard_n_per_mm", config.guard_n_per_mm, low=0.1, high=100.0, unit="N/mm")
+        check_number("guard_below", config.guard_below, low=0.0, high=100.0, unit="%")
         check_number("jaw_mm", config.jaw_mm, low=10.0, high=300.0, unit="mm")
         rig = open_rig(config.rig, gripper=NoGripper())
         try:
@@ -135,6 +139,7 @@ class PalpateSO101(Robot):
                 jaw=_Servo(self.arm.bus, jaw_mm=config.jaw_mm),
                 limit_n=config.guard_n,
                 stiffest_n_per_mm=config.guard_n_per_mm,
+                free_above=config.guard_below,
             )
             self.arm.connect(calibrate)
         except BaseException:
