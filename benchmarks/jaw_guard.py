@@ -3,8 +3,8 @@
     python benchmarks/jaw_guard.py
 
 A program closes the jaw of `palpate demo so101` around its strawberry, 30 times a second, until the
-jaw has been held for 1 s, or for 12 s. It prints the highest true force and the force at the end, in real time.
-Needs `palpate[gripper]` and `packages/lerobot-dataset`.
+jaw has been held for 1 s, or for 12 s. It prints the highest true force and that at the end, in
+real time. Needs `palpate[gripper]` and `packages/lerobot-dataset`.
 """
 
 from __future__ import annotations
