@@ -18,8 +18,7 @@ from pathlib import Path
 
 from lerobot_robot_palpate import PalpateSO101, PalpateSO101Config
 
-#: Percent of the jaw's opening per frame, about 2 mm/s: the force still rises while the stop is
-#: under way, by the more the faster the jaw is.
+#: Percent of the jaw's opening per frame, about 2 mm/s; the guard slows a faster one.
 STEP_PERCENT, FRAME_S, FRAMES = 0.15, 0.05, 600
 LIMIT_N, SWAY_DEGREES = 3.0, 10.0
 

@@ -30,6 +30,8 @@ _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
 _MAX_TOUCH_FRACTION = 0.5
 #: Largest closure after the touch of a rigid block, mm or kPa: hands give way by 2 to 4 mm at 15 N.
 _MOST_TRAVEL = {"width": 5.0, "pressure": 50.0}
+#: Allowance for the stiffening of pads in one step, and smallest step by an uncertain force.
+_STIFFENING, _SMALLEST_SAFE = 1.5, {"width": 0.05, "pressure": 0.15}
 #: Forces of the settled holds, newtons, one list per placement of the load cell, small and large
 #: mixed.
 HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
@@ -98,6 +100,8 @@ class Bench:
     approach: float | None = None
     #: Force above which the cell shows a contact, newtons: above its noise.
     touch_n: float = _TOUCH_N
+    #: Upper limit of the present force, newtons; without it the cell's force is exact.
+    high_n: Callable[[], float] | None = None
 
 
 def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
@@ -194,12 +198,21 @@ def measure_block(
         for number in range(1, repeats + 1):
             if tell is not None:
                 tell(
-                    f"closing {number} of {repeats}: the open hand rests for "
+                    f"closing {number} of {repeats}, about 40 s: the open hand rests for "
                     f"{_RECOVERY_PAUSE_S:g} s, then closes slowly up to {up_to_n:.3g} N"
                 )
             _open(bench)
             touched_at: float | None = None
-            while bench.cell.read_n() < up_to_n and _close_one_step(bench):
+            earlier: tuple[float, float] | None = None
+            while bench.cell.read_n() < up_to_n:
+                step = None
+                if bench.high_n is not None and touched_at is not None:
+                    closure = limits.closure(bench.gripper.state())
+                    step, earlier = _safe_step(bench, up_to_n, closure, earlier)
+                    if step < _SMALLEST_SAFE[limits.drive]:
+                        break
+                if not _close_one_step(bench, at_most=step):
+                    break
                 _wait(bench, bench.clock.now_s() + dwell_s)
                 force = bench.cell.read_n()
                 closure = limits.closure(bench.gripper.state())
@@ -269,7 +282,23 @@ def _open(bench: Bench) -> None:
     _wait(bench, bench.clock.now_s() + _RECOVERY_PAUSE_S)
 
 
-def _close_one_step(bench: Bench) -> bool:
+def _safe_step(
+    bench: Bench, up_to_n: float, closure: float, earlier: tuple[float, float] | None
+) -> tuple[float, tuple[float, float]]:
+    """Return the step after which the upper limit of the force is `up_to_n`, and the present point.
+
+    The stiffness is that of the last step, with an allowance.
+    """
+    assert bench.high_n is not None
+    high_n = bench.high_n()
+    step = _PACES[bench.gripper.limits.drive].smallest_step
+    if earlier is not None and closure > earlier[0] and high_n > earlier[1]:
+        per_unit = _STIFFENING * (high_n - earlier[1]) / (closure - earlier[0])
+        step = (up_to_n - high_n) / per_unit
+    return (step if high_n < up_to_n else 0.0), (closure, high_n)
+
+
+def _close_one_step(bench: Bench, *, at_most: float | None = None) -> bool:
     """Close by one step; return whether enough travel remained."""
     limits, force_n = bench.gripper.limits, bench.cell.read_n()
     pace, closure = _PACES[limits.drive], limits.closure(bench.gripper.state())
@@ -285,6 +314,7 @@ def _close_one_step(bench: Bench) -> bool:
         bench.gripper.stop()
         return True
     step = min(max(pace.step_per_n * force_n, pace.smallest_step), pace.largest_step)
+    step = step if at_most is None else min(step, at_most)
     _move_to(bench, closure + step)
     return True
 

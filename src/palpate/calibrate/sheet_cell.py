@@ -48,6 +48,8 @@ class SheetCell:
         self.rest_ohm = calibration.rest_ohm
         self._recent: tuple[tuple[float, FloatArray], ...] = ()
         self._force_n = 0.0
+        #: Upper limit of the present force, 90 % interval, newtons; infinite if there is none.
+        self.high_n = 0.0
 
     @property
     def layout(self) -> ArrayLayout:
@@ -96,4 +98,5 @@ class SheetCell:
         )
         if force.value is None:
             raise CalibrationError("no pixel has a reading; run `palpate doctor`")
-        self._force_n = force.value
+        self._force_n, high_n = force.value, force.known_ends[1]
+        self.high_n = float("inf") if high_n is None else high_n

@@ -110,7 +110,13 @@ def make_sheet_bench(
         start = min(start, block_mm + _BLOCK_CLEARANCE_MM)
         approach = _SHEET_APPROACH_MM_PER_S
     bench = Bench(
-        array=cell, gripper=gripper, cell=cell, clock=clock, start=start, approach=approach
+        array=cell,
+        gripper=gripper,
+        cell=cell,
+        clock=clock,
+        start=start,
+        approach=approach,
+        high_n=lambda: cell.high_n,
     )
     cell.rest_ohm = wait_for_rest(bench, duration_s=_REST_S).rest_ohm
     return replace(bench, touch_n=max(bench.touch_n, cell.measure_noise_n(_REST_S)))

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Protocol, Self
 
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
+from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.gripper.no_gripper import NO_GRIPPER, NoGripper
 from palpate.measurement import Measurement
 from palpate.rig import Rig
@@ -19,6 +22,15 @@ from palpate.rig.reading import Reading
 #: Age from which a reading does not show the present force, and time limit for a frame, seconds.
 #: A busy computer passes bytes of a serial port on up to this late.
 STALE_S = 0.3
+
+
+def check_limit(name: str, limit_n: float) -> None:
+    """Raise `InputError` if a limit, called `name`, is no force that a grasp could have."""
+    if not 0 < limit_n <= FORCE_CEILING_N:
+        raise InputError(
+            f"{name} {limit_n:g}: must be above 0, and at most {FORCE_CEILING_N:g} N (grams times "
+            "0.00981)"
+        )
 
 
 class Stoppable(Protocol):
@@ -59,9 +71,14 @@ class ForceGuard:
         the upper end of the 90 % interval must be below it, at 0.5 the force itself.
     stale_s : float
         Time without a new frame that stops the gripper, seconds.
+    ease : function, optional
+        Called from the guard's thread with each reading after the stop at which the gripper must
+        still not close, for example to open it by a step.
 
     Attributes
     ----------
+    loss : str
+        Why there is no reading now, in one line; empty while frames arrive.
     reading : Reading or None
         The newest reading; None before the first.
     reason : str
@@ -72,8 +89,8 @@ class ForceGuard:
     Raises
     ------
     InputError
-        If the limit or `stale_s` is not above 0, `certainty` is out of range, or there is no
-        gripper or no force law.
+        If the limit is not above 0 or exceeds the force ceiling, `stale_s` is not above 0,
+        `certainty` is out of range, or there is no gripper or no force law.
 
     Examples
     --------
@@ -93,10 +110,11 @@ class ForceGuard:
         gripper: Stoppable | None = None,
         certainty: float = USUAL_CERTAINTY,
         stale_s: float = STALE_S,
+        ease: Callable[[Reading], object] | None = None,
     ) -> None:
-        for name, value in (("limit_n", limit_n), ("stale_s", stale_s)):
-            if not value > 0:
-                raise InputError(f"{name} {value:g}: must be above 0")
+        check_limit("limit_n", limit_n)
+        if not stale_s > 0:
+            raise InputError(f"stale_s {stale_s:g}: must be above 0")
         if not 0.5 <= certainty < 1.0:
             raise InputError(f"certainty {certainty:g}: must be 0.5 to below 1, such as 0.8")
         if gripper is None and isinstance(source.gripper, NoGripper):
@@ -117,7 +135,8 @@ class ForceGuard:
         self._expectation = explain_stop(stop, limit_n=limit_n, calibration=known)
         self._is_early = is_early(stop, limit_n=limit_n)
         self.reading: Reading | None = None
-        self.reason = ""
+        self.reason = self.loss = ""
+        self._ease = ease
         self.tripped_s: float | None = None
         self._is_stopped, self._failure = True, ""
         #: Whether `stop()` was called since the guard was armed.
@@ -181,9 +200,10 @@ class ForceGuard:
         while not self._closing.is_set():
             try:
                 reading = self._rig.read(timeout_s=self._stale_s)
-                danger = self._find_danger(reading)
+                danger, self.loss = self._find_danger(reading), ""
             except DeviceError as error:
                 reading, danger = None, str(error)
+                self.loss = danger
             except Exception as error:
                 # The thread ends, so nothing would guard.
                 self._trip(f"the guard failed: {error!r}")
@@ -192,6 +212,9 @@ class ForceGuard:
                 self._trip(danger)
             if not self._is_stopped:
                 self._stop()
+            elif danger and reading is not None and self._ease is not None:
+                with suppress(Exception):  # as a failed stop: again at the next frame
+                    self._ease(reading)
             with self._news:
                 self.reading = reading or self.reading
                 self._news.notify_all()

@@ -103,7 +103,7 @@ def _check_at_rest(change_percent: FloatArray) -> None:
     if abs(trend) > (allowed := max(_REST_TREND_PERCENT, _TREND_SIGMAS * trend_sd)):
         raise CalibrationError(
             f"the readings drifted by {trend:+.2f} % at rest (at most {allowed:.2f} %): the "
-            "sensor was loaded or still settling; wait and repeat"
+            "sensor was loaded or still settling; wait a minute without load, and repeat"
         )
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(overall, 3), axis=-1)
     means = np.convolve(smooth, np.full(frames, 1.0 / frames), mode="valid")

@@ -86,7 +86,9 @@ def test_three_weights_and_a_block_suffice_for_a_grasp_to_a_force(weighed: Calib
         calibration=weighed,
         block_mm=block.size_mm,
     )
-    found = measure_block(bench, block_mm=block.size_mm, up_to_n=6.0, repeats=3, dwell_s=0.42)
+    found = measure_block(bench, block_mm=block.size_mm, up_to_n=8.0, repeats=3, dwell_s=0.42)
+    # The announced force holds, though the sheet is uncertain and the block rigid.
+    assert 5.0 < world.truth().peak_force_n < 8.0
     own, cell = (
         Compliance.fit(one.force_n, width_mm=one.width_mm, block_mm=one.block_mm)
         for one in (found, calibrate_once(seed=SHEET, level="lab", apart_from="").block)
@@ -118,10 +120,10 @@ def test_noise_of_the_open_hand_is_no_touch_of_the_block(weighed: Calibration, s
     )
     said: list[str] = []
     found = measure_block(
-        bench, block_mm=block.size_mm, up_to_n=6.0, repeats=2, dwell_s=0.42, tell=said.append
+        bench, block_mm=block.size_mm, up_to_n=8.0, repeats=2, dwell_s=0.42, tell=said.append
     )
     assert max(found.width_mm) < block.size_mm + 1.0
-    assert max(found.force_n) > 5.0
+    assert max(found.force_n) > 4.0
     assert len(said) == 2
 
 

@@ -10,7 +10,10 @@ from lerobot.robots.so_follower import SO101Follower, SO101FollowerConfig
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from palpate.gripper.no_gripper import NoGripper
+from palpate.gripper.settings import check_number
+from palpate.gripper.sts_series import RAD_PER_TICK
 from palpate.rig import open_rig
+from palpate.rig.guard import check_limit
 from palpate_lerobot.touch import TOUCH_NAMES, Touch
 
 _GRIPPER = "gripper"
@@ -26,18 +29,34 @@ class PalpateSO101Config(SO101FollowerConfig):
     rig : str
         A rig file with the sensor; its gripper, if any, is left to LeRobot.
     guard_n : float or None
-        Force limit at which the jaw is held, N; no guard without it.
+        Force limit of the jaw, N; no guard without it.
+    guard_n_per_mm : float or None
+        Largest rise of the force per mm of closing; by default on a rigid object
+        (`palpate_lerobot.touch.Touch`).
+    guard_below : float
+        Opening in percent below which the jaw may meet an object, and is slowed.
+    jaw_mm : float
+        Distance from the servo's axis to the middle of the pad, mm.
     """
 
     rig: str = "sensor.toml"
     guard_n: float | None = None
+    guard_n_per_mm: float | None = None
+    guard_below: float = 100.0
+    jaw_mm: float = 100.0
 
 
 class _Servo:
     """Servo 6 in LeRobot's units, 0 (closed) to 100 (open)."""
 
-    def __init__(self, bus: Any) -> None:
-        self._bus = bus
+    def __init__(self, bus: Any, *, jaw_mm: float) -> None:
+        self._bus, self._jaw_mm = bus, jaw_mm
+
+    @property
+    def mm_per_unit(self) -> float:
+        known = self._bus.calibration[_GRIPPER]
+        ticks: int = known.range_max - known.range_min
+        return 0.01 * ticks * RAD_PER_TICK * self._jaw_mm
 
     def read(self) -> float:
         # LeRobot rounds goals down to steps of the servo: half a step more, so that holding does
@@ -54,7 +73,7 @@ class _Servo:
 class PalpateSO101(Robot):
     """An SO-101 follower whose observations include the touch.
 
-    When the guard trips, the jaw is held where it is and may open; the other joints follow.
+    The guard bounds how far the jaw closes (`palpate_lerobot.touch.Touch`). Other joints follow.
 
     Parameters
     ----------
@@ -106,9 +125,22 @@ class PalpateSO101(Robot):
         """Open the sensor, connect the arm, and guard the jaw."""
         if self._touch is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
-        rig = open_rig(self.config.rig, gripper=NoGripper())
+        config = self.config
+        if config.guard_n is not None:
+            check_limit("guard_n", config.guard_n)
+        if config.guard_n_per_mm is not None:
+            check_number("guard_n_per_mm", config.guard_n_per_mm, low=0.1, high=100.0, unit="N/mm")
+        check_number("guard_below", config.guard_below, low=0.0, high=100.0, unit="%")
+        check_number("jaw_mm", config.jaw_mm, low=10.0, high=300.0, unit="mm")
+        rig = open_rig(config.rig, gripper=NoGripper())
         try:
-            touch = Touch(rig, jaw=_Servo(self.arm.bus), limit_n=self.config.guard_n)
+            touch = Touch(
+                rig,
+                jaw=_Servo(self.arm.bus, jaw_mm=config.jaw_mm),
+                limit_n=config.guard_n,
+                stiffest_n_per_mm=config.guard_n_per_mm,
+                free_above=config.guard_below,
+            )
             self.arm.connect(calibrate)
         except BaseException:
             rig.close()
@@ -121,7 +153,7 @@ class PalpateSO101(Robot):
         touch = self._require_touch()
         with touch.lock:
             seen = self.arm.get_observation()
-        return {**seen, **touch.observe()}
+        return {**seen, **touch.observe(float(seen[f"{_GRIPPER}.pos"]))}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Send an action with the jaw within the guard; return the action sent."""
