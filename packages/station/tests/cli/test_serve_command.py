@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from packages.station.tests.loop.test_line import free_port
+from tests.commands import Command
 
 
 @pytest.mark.slow
@@ -55,21 +55,15 @@ def test_serve_in_the_folder_of_another_server_ends_with_one_line(tmp_path: Path
     assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.slow
-def test_serve_with_one_port_for_two_protocols_ends_with_one_line(tmp_path: Path) -> None:
-    port = str(free_port())
-    command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve"]
-    for protocols in (("--port", port, "--modbus", port), ("--opcua", port, "--modbus", port)):
-        if "--port" not in protocols:
-            command += ["--port", "0"]
-        ended = subprocess.run(
-            [*command, *protocols, "--rig", "sim-rigid"],
-            capture_output=True,
-            text=True,
-            cwd=tmp_path,
-            check=False,
-            timeout=120,
-        )
-        assert ended.returncode == 3
-        assert f"Modbus TCP at 127.0.0.1:{port} can't start" in ended.stderr
-        assert "Traceback" not in ended.stderr
+@pytest.mark.parametrize(
+    ("protocols", "fault"),
+    [
+        (("--port", "18101", "--modbus", "18101"), "--modbus 18101: --port has port 18101 too"),
+        (("--opcua", "18111", "--modbus", "127.0.0.1:18111"), "--opcua has port 18111 too"),
+    ],
+)
+def test_serve_with_one_port_for_two_protocols_is_refused(
+    palpate: Command, protocols: tuple[str, ...], fault: str
+) -> None:
+    refused = palpate("serve", *protocols, "--rig", "sim-rigid", status=2)
+    assert fault in refused.err

@@ -160,6 +160,7 @@ def serve(
         raise InputError(f"no simulated object {object_name!r}; available: {', '.join(OBJECTS)}")
     if station is not None:
         check_printable(station, what="--station")
+    _check_ports_differ(port=port, opcua=opcua, modbus=modbus)
     known = () if users is None else read_users(users)
     _check_certificate(certificate, key)
     settings = Settings(
@@ -201,6 +202,20 @@ def serve(
         publisher=None if mqtt is None else _open_publisher(mqtt, store=store),
         lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder, users=known),
     )
+
+
+def _check_ports_differ(*, port: int, opcua: str | None, modbus: str | None) -> None:
+    """Raise `InputError` if two protocols have the same port."""
+    given = {"--opcua": opcua, "--modbus": modbus}
+    taken = {port: "--port"}
+    for name, text in given.items():
+        if text is None or not (own := parse_address(text, option=name)[1]):
+            continue
+        if own in taken:
+            raise InputError(
+                f"{name} {text}: {taken[own]} has port {own} too; give each protocol its own"
+            )
+        taken[own] = name
 
 
 def _check_certificate(certificate: Path | None, key: Path | None) -> None:

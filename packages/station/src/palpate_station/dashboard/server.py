@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 LineOpener: TypeAlias = Callable[[Machine], Awaitable[Line]]
 
 _STATIC = Path(__file__).parent / "static"
+#: Longest wait for the end of each part of a start that failed, seconds.
+_UNDO_S = 2.0
 #: File in the folder that the running server locks.
 _LOCK_FILE = ".serve.lock"
 #: Period at which line protocols are refreshed, seconds.
@@ -190,9 +192,11 @@ def _end_after_failed_start(app: FastAPI, on_failure: Callable[[str], None]) -> 
                     await waiting
         except Exception as error:
             for end in router.on_shutdown:
+                # What did not start may not end either.
                 with suppress(Exception):
-                    if (waiting := end()) is not None:
-                        await waiting
+                    async with asyncio.timeout(_UNDO_S):
+                        if (waiting := end()) is not None:
+                            await waiting
             on_failure(str(error) or repr(error))
 
     router.on_startup[:] = [start]
@@ -378,7 +382,10 @@ def _serve_lines(
             await asyncio.sleep(_LINE_REFRESH_S)
 
     async def start() -> None:
-        open_lines.extend([await opener(machine) for opener in lines])
+        for opener in lines:
+            line = await opener(machine)
+            # Known at once, because the next one may fail.
+            open_lines.append(line)
         running.append(asyncio.create_task(refresh()))
 
     async def end() -> None:
