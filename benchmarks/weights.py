@@ -267,7 +267,8 @@ def main() -> None:
     parser.add_argument("--level", choices=LEVELS, help="only this one")
     options = parser.parse_args()
     for level in [options.level] if options.level else LEVELS:
-        answers, stops = defaultdict(list), defaultdict(list)
+        answers = defaultdict[tuple[int, str], list[list[float]]](list)
+        stops = defaultdict[tuple[int, str], list[float]](list)
         accepted = Counter[int]()
         for seed in range(options.seed, options.seed + options.sheets):
             for count, name, new, stops_n in run_sheet(seed, level):
