@@ -59,8 +59,8 @@ _LARGER = 9
 _FLATTEST, _STEEPEST = 0.5, 2.0
 #: Margin of a limit that is to include a number.
 _ROUNDING = 1.0 + 1e-9
-#: Fewest given weights whose reversed order is a wrong reading, and not scatter: of 300 times three
-#: or six weights on simulated sheets (`field`), 3 have a falling line.
+#: Fewest given weights whose falling line is a wrong reading, and not scatter: of 580 times three
+#: or six weights on simulated sheets (`field`), 2 have one.
 _FEWEST_REVERSED = 3
 #: Difference of ln excess from its 0.1 s copy that counts as a rise, and that copy's input index.
 _RISING, _COPY = 0.05, 3
