@@ -29,7 +29,8 @@ _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
 #: Largest threshold of a touch, relative to the largest force on a block.
 _MAX_TOUCH_FRACTION = 0.5
 #: Largest closure after the touch of a rigid block, mm or kPa: hands give way by 2 to 4 mm at 15 N.
-_MOST_TRAVEL = {"width": 5.0, "pressure": 50.0}
+#: Pads stiffen with the force, as a contact of elastic bodies (Hertz): at a smaller one it is less.
+_MOST_TRAVEL, _TRAVEL_AT_N, _TRAVEL_EXPONENT = {"width": 5.0, "pressure": 50.0}, 15.0, 2.0 / 3.0
 #: Allowance for the stiffening of pads in one step, and smallest step by an uncertain force.
 _STIFFENING, _SMALLEST_SAFE = 1.5, {"width": 0.05, "pressure": 0.15}
 #: Forces of the settled holds, newtons, one list per placement of the load cell, small and large
@@ -210,19 +211,16 @@ def measure_block(
                     closure = limits.closure(bench.gripper.state())
                     step, earlier = _safe_step(bench, up_to_n, closure, earlier)
                     if step < _SMALLEST_SAFE[limits.drive]:
+                        share = (bench.cell.read_n() / _TRAVEL_AT_N) ** _TRAVEL_EXPONENT
+                        _check_travel(closure - touched_at, furthest * share, bench)
                         break
                 if not _close_one_step(bench, at_most=step):
                     break
                 _wait(bench, bench.clock.now_s() + dwell_s)
                 force = bench.cell.read_n()
                 closure = limits.closure(bench.gripper.state())
-                if touched_at is not None and closure - touched_at > furthest:
-                    unit = "mm" if limits.drive == "width" else "kPa"
-                    raise CalibrationError(
-                        f"the force is {force:.1f} N although the fingers have closed "
-                        f"{closure - touched_at:.0f} {unit} since the touch: is a rigid block "
-                        "between the pads, and does the sensor still respond?"
-                    )
+                if touched_at is not None:
+                    _check_travel(closure - touched_at, furthest, bench)
                 if force > bench.touch_n:
                     # A reading that does not last is no touch.
                     touched_at = closure if touched_at is None else touched_at
@@ -240,6 +238,17 @@ def measure_block(
         force_n=tuple(force_n),
         pressure_kpa=() if by_width else tuple(reported),
     )
+
+
+def _check_travel(travel: float, furthest: float, bench: Bench) -> None:
+    """Raise `CalibrationError` if the hand closed further than it gives way at this force."""
+    if travel > furthest:
+        unit = "mm" if bench.gripper.limits.drive == "width" else "kPa"
+        raise CalibrationError(
+            f"the force is {bench.cell.read_n():.1f} N although the fingers have closed "
+            f"{travel:.1f} {unit} since the touch: is a rigid block between the pads, and does the "
+            "sensor still respond?"
+        )
 
 
 @contextmanager

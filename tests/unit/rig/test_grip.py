@@ -105,7 +105,7 @@ def idle(calibration: Calibration) -> Iterator[palpate.Rig]:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"target_force_n": -1.0}, "target_force_n -1: must be above 0"),
+        ({"target_force_n": -1.0}, "target_force_n -1: must be at least 0.15 N"),
         ({"kind": "kiwi"}, "requires damage=FILE, which defines the kinds"),
         ({"method": "paper", "cutoff_s": 0.1}, "cutoff_s must be from 0.8 to 60, not 0.1"),
         ({"method": "paper", "target_force_n": 3.0}, "neither a target force nor"),
