@@ -53,7 +53,7 @@ def test_user_who_may_only_watch_is_never_asked_to_press(browser: Browser, tmp_p
 @pytest.mark.parametrize(
     ("path", "label", "wrong", "right", "reason"),
     [
-        ("", TARGET, "99", "2", "must be above 0 N"),
+        ("", TARGET, "99", "2", "must be at least 0.15 N"),
         ("operate", "", "4006381333932", "4006381333931", "wrong check digit"),
     ],
 )
